@@ -192,7 +192,7 @@ std::vector<torch::Tensor> losses_and_gradients(const std::string& name,
   torch::manual_seed(8);
   const auto network = make_network(testing::small_network(name));
   scatter_weights(*network);
-  place_network(*network, device, prefers_channels_last(name));
+  place_network(*network, device, kChannelsLast);
   const auto parameters = network->parameters();
   RecordedPass pass(
       parameters,

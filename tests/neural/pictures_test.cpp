@@ -250,15 +250,14 @@ TEST(PictureTiles, OfAnEnlargingNetworkFitTogether) {
   };
   for (const bool exact : {true, false}) {
     const TileDemand demand{.multiple = 4, .overlap = 8, .exact = exact, .bytes_per_pixel = 1};
-    int tiles = 0;
     const auto result = run_tiled(
-        37, 50, {12, 16}, 2, demand,
+        {37, 50, {12, 16}, 2, demand},
         [&](const TileSpan& r, const TileSpan& c) {
           return whole.slice(2, r.begin, r.end).slice(3, c.begin, c.end);
         },
-        enlarge, silent_progress(), tiles);
-    EXPECT_GT(tiles, 4);
-    EXPECT_TRUE(torch::allclose(result, enlarge(whole), 1e-6, 1e-6));
+        enlarge, silent_progress());
+    EXPECT_GT(result.tiles, 4);
+    EXPECT_TRUE(torch::allclose(result.planes, enlarge(whole), 1e-6, 1e-6));
   }
 }
 

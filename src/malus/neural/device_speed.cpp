@@ -111,7 +111,6 @@ double images_per_s(const NamedNetwork& named, const DeviceWork& work, const Set
 std::vector<DeviceSpeed> measure_device_speed(const NamedNetwork& network, const DeviceWork& work) {
   const torch::Device device = device_of(work.device);
   choose_fast_gpu_kernels();
-  const bool last = prefers_channels_last(network.architecture);
   std::vector<DeviceSpeed> speeds;
   for (const bool training : {false, true})
     for (const bool bfloat16 : {false, true}) {
@@ -122,13 +121,13 @@ std::vector<DeviceSpeed> measure_device_speed(const NamedNetwork& network, const
                                                      {.device = device,
                                                       .training = training,
                                                       .bfloat16 = bfloat16,
-                                                      .channels_last = last}),
-                        .channels_last = last,
+                                                      .channels_last = kChannelsLast}),
+                        .channels_last = kChannelsLast,
                         .other_order_images_per_s = images_per_s(network, work,
                                                                  {.device = device,
                                                                   .training = training,
                                                                   .bfloat16 = bfloat16,
-                                                                  .channels_last = !last}),
+                                                                  .channels_last = !kChannelsLast}),
                         .tf32_convolutions = at::globalContext().allowTF32CuDNN(),
                         .tf32_products = at::globalContext().allowTF32CuBLAS()});
     }

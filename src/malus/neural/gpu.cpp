@@ -29,12 +29,6 @@ bool wants_bfloat16(const TrainingConfig& config) {
 
 void choose_fast_gpu_kernels() { at::globalContext().setBenchmarkCuDNN(true); }
 
-bool prefers_channels_last(const std::string&) {
-  // unet, nafnet and restormer are convolutions and norms over a pixel's channels; uformer and
-  // malus keep [batch, row, column, channel] between their convolutions.
-  return true;
-}
-
 torch::Tensor placed(const torch::Tensor& planes, const torch::Device& device, bool channels_last) {
   const auto moved = planes.to(device);
   return channels_last ? moved.contiguous(torch::MemoryFormat::ChannelsLast) : moved;

@@ -19,12 +19,13 @@ bool wants_bfloat16(const TrainingConfig& config);
 /// meets few shapes often. TF32 stays as libtorch sets it.
 void choose_fast_gpu_kernels();
 
-/// Whether a network is taken to be faster with a pixel's channels together (NHWC) on a GPU: all
-/// are; measured for unet and nafnet (docs/networks.md), the other order beside it.
-bool prefers_channels_last(const std::string& architecture);
+/// The order of memory on a GPU: a pixel's channels together (NHWC). unet, nafnet and restormer are
+/// convolutions and norms over a pixel's channels; uformer and malus keep [batch, row, column,
+/// channel] between their convolutions. Measured for unet and nafnet (docs/networks.md).
+inline constexpr bool kChannelsLast = true;
 
-/// Moves a network, and brings the weights of its convolutions into that order. Optimisers and
-/// averages made from its parameters afterwards have the same order.
+/// Moves a network, and brings the weights of its convolutions into that order where it is wanted.
+/// Optimisers and averages made from its parameters afterwards have the same order.
 void place_network(Network& network, const torch::Device& device, bool channels_last);
 /// The same for a batch of planes.
 torch::Tensor placed(const torch::Tensor& planes, const torch::Device& device, bool channels_last);

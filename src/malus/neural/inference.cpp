@@ -125,7 +125,7 @@ NetworkInference::NetworkInference(const std::filesystem::path& weights,
     state_->device = torch::kCUDA;
     // Without choose_fast_gpu_kernels: tiles come in many shapes, and trying kernels for each takes
     // longer than a frame.
-    place_network(*state_->loaded.network, state_->device, prefers_channels_last(architecture));
+    place_network(*state_->loaded.network, state_->device, kChannelsLast);
   }
 }
 
@@ -166,8 +166,8 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
   prepared.report.times.push_back({"preparation", preparation.seconds()});
   const Stopwatch network;
   std::int64_t brighter = 0;  // places of the network's planes
-  torch::Tensor planes = run_tiled(
-      rows, cols, core, batch, state_->demand,
+  TiledResult result = run_tiled(
+      {rows, cols, core, batch, state_->demand},
       [&](const TileSpan& r, const TileSpan& c) {
         // A frame may begin and end inside a cell.
         const auto [row0, row1] = pixels_of(r, layout.rows(), phase.row, frame_rows);
@@ -185,15 +185,16 @@ NetworkInference::Filtered NetworkInference::filter(RawFrame frame, const NoiseP
         const internal::RoundedProducts rounded(state_->bfloat16 && !cuda);
         return apply_network(*state_->loaded.network, package, input.to(state_->device));
       },
-      progress, prepared.report.tiles);
+      progress);
+  prepared.report.tiles = result.tiles;
   if (const double share = static_cast<double>(brighter) / static_cast<double>(rows * cols);
       share > kSmallShare)
     progress.warn(brighter_than_training(source, share, package));
   // In the network's domain; the inverse of a stabilised one has no place for anything else.
-  const auto [least, largest] = torch::aminmax(planes);
+  const auto [least, largest] = torch::aminmax(result.planes);
   require_plausible(least.item<double>(), largest.item<double>(),
                     std::numeric_limits<double>::infinity(), state_->weights);
-  return {std::move(prepared), std::move(planes), frame_rows, frame_cols, network};
+  return {std::move(prepared), std::move(result.planes), frame_rows, frame_cols, network};
 }
 
 Denoised NetworkInference::denoise(RawFrame frame, const NoiseProfile& profile,

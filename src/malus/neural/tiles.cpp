@@ -152,20 +152,19 @@ double least_tile_bytes(std::int64_t rows, std::int64_t cols, int batch, const T
          demand.bytes_per_pixel;
 }
 
-torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& core, int batch,
-                        const TileDemand& demand,
-                        const std::function<torch::Tensor(const TileSpan&, const TileSpan&)>& input,
-                        const std::function<torch::Tensor(const torch::Tensor&)>& network,
-                        Progress& progress, int& tiles) {
-  const auto down = tile_spans(rows, core.rows, demand),
-             across = tile_spans(cols, core.cols, demand);
-  tiles = static_cast<int>(down.size() * across.size());
+TiledResult run_tiled(const Tiling& tiling,
+                      const std::function<torch::Tensor(const TileSpan&, const TileSpan&)>& input,
+                      const std::function<torch::Tensor(const torch::Tensor&)>& network,
+                      Progress& progress) {
+  const auto down = tile_spans(tiling.rows, tiling.core.rows, tiling.demand),
+             across = tile_spans(tiling.cols, tiling.core.cols, tiling.demand);
+  const int tiles = static_cast<int>(down.size() * across.size());
   progress.begin("denoising", tiles);
   if (tiles == 1) {
     check_stop(progress);
     torch::Tensor whole = network(input(down.front(), across.front()));
     progress.advance(1);
-    return whole.to(torch::kCPU, torch::kFloat);
+    return {whole.to(torch::kCPU, torch::kFloat), tiles};
   }
   torch::Tensor sum;
   std::vector<std::pair<const TileSpan*, const TileSpan*>> places;
@@ -177,7 +176,8 @@ torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& co
     const std::int64_t upscale = results.size(2) / waiting.front().size(2);
     for (std::size_t i = 0; i < places.size(); ++i) {
       const auto& [r, c] = places[i];
-      if (!sum.defined()) sum = torch::zeros({1, results.size(1), rows * upscale, cols * upscale});
+      if (!sum.defined())
+        sum = torch::zeros({1, results.size(1), tiling.rows * upscale, tiling.cols * upscale});
       const auto weight = torch::tensor(r->weight).repeat_interleave(upscale).view({-1, 1}) *
                           torch::tensor(c->weight).repeat_interleave(upscale);
       sum.slice(2, r->begin * upscale, r->end * upscale)
@@ -194,13 +194,13 @@ torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& co
       check_stop(progress);
       auto tile = input(r, c);
       if (!waiting.empty() &&
-          (std::ssize(waiting) >= batch || tile.sizes() != waiting.front().sizes()))
+          (std::ssize(waiting) >= tiling.batch || tile.sizes() != waiting.front().sizes()))
         flush();
       waiting.push_back(std::move(tile));
       places.emplace_back(&r, &c);
     }
   flush();
-  return sum;
+  return {std::move(sum), tiles};
 }
 
 }  // namespace malus

@@ -117,7 +117,7 @@ class Trainer {
     auto network = initial_network(config_, options_.seed);
     if (device_.is_cuda()) {
       choose_fast_gpu_kernels();
-      place_network(*network, device_, prefers_channels_last(config_.package.network.architecture));
+      place_network(*network, device_, kChannelsLast);
     }
     return network;
   }

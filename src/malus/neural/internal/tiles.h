@@ -49,14 +49,25 @@ TileCore tile_core(std::int64_t rows, std::int64_t cols, double bytes, int batch
 /// The fewest bytes with which tile_core finds a core for a picture.
 double least_tile_bytes(std::int64_t rows, std::int64_t cols, int batch, const TileDemand& demand);
 
+/// How a picture is cut.
+struct Tiling {
+  std::int64_t rows = 0, cols = 0;  ///< of the whole picture
+  TileCore core;
+  int batch = 1;  ///< tiles that go through the network at once
+  TileDemand demand;
+};
+
+struct TiledResult {
+  torch::Tensor planes;  ///< [1, channels, rows * upscale, cols * upscale] of the whole picture
+  int tiles = 0;         ///< how many there were
+};
+
 /// input(row span, column span) gives [1, channels, rows, cols] of a tile, network takes
 /// [batch, ...] of equal tiles and gives as many results of the same size, or of `upscale` times
-/// it. Returns [1, channels, rows * upscale, cols * upscale] of the whole picture. tiles: how many
-/// there were.
-torch::Tensor run_tiled(std::int64_t rows, std::int64_t cols, const TileCore& core, int batch,
-                        const TileDemand& demand,
-                        const std::function<torch::Tensor(const TileSpan&, const TileSpan&)>& input,
-                        const std::function<torch::Tensor(const torch::Tensor&)>& network,
-                        Progress& progress, int& tiles);
+/// it.
+TiledResult run_tiled(const Tiling& tiling,
+                      const std::function<torch::Tensor(const TileSpan&, const TileSpan&)>& input,
+                      const std::function<torch::Tensor(const torch::Tensor&)>& network,
+                      Progress& progress);
 
 }  // namespace malus
