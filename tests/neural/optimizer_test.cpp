@@ -1,8 +1,10 @@
-// Truth: closed forms of the schedules, torch's own Adam.
+// Truth: closed forms of the schedules and of the moving average, torch's own Adam.
 #include "malus/neural/internal/optimizer.h"
 
 #include <cmath>
+#include <cstdint>
 #include <numbers>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -60,6 +62,62 @@ TEST(ClipGradients, KeepsTheDirectionAndLimitsTheNorm) {
   EXPECT_NEAR(clip_gradients({a, b}, 1), 5, 1e-6);
   EXPECT_NEAR(a.grad()[0].item<float>(), 0.6, 1e-6);
   EXPECT_NEAR(b.grad().item<float>(), 0.8, 1e-6);
+}
+
+// From an average of 2 and parameters of 5, 5 - 3 * memory is left; with (1 + step) / (10 + step)
+// for the memory where that is less.
+TEST(MovingAverage, RemembersLittleEarlyAndTheStatedShareLater) {
+  struct Case {
+    double memory;
+    std::int64_t step;
+    double kept;
+  };
+  for (const Case& one :
+       {Case{0.999, 0, 1.0 / 10}, Case{0.999, 1, 2.0 / 11}, Case{0.999, 1000, 1001.0 / 1010},
+        Case{0.999, 8989, 8990.0 / 8999}, Case{0.999, 8991, 0.999}, Case{0.999, 1000000, 0.999},
+        Case{0.9, 0, 0.1}, Case{0.9, 1000, 0.9}}) {
+    std::vector<torch::Tensor> average{torch::full({2, 3}, 2.0, torch::kDouble),
+                                       torch::full({1}, -4.0, torch::kDouble)};
+    const std::vector<torch::Tensor> parameters{torch::full({2, 3}, 5.0, torch::kDouble),
+                                                torch::full({1}, 8.0, torch::kDouble)};
+    update_average(average, parameters, one.memory, one.step);
+    EXPECT_LT((average[0] - (5 - 3 * one.kept)).abs().max().item<double>(), 1e-12)
+        << one.memory << ' ' << one.step;
+    EXPECT_NEAR(average[1].item<double>(), 8 - 12 * one.kept, 1e-12)
+        << one.memory << ' ' << one.step;
+    EXPECT_EQ(parameters[0].min().item<double>(), 5);
+  }
+}
+
+// A training's weights are of one size, and so is their average, after however many steps.
+TEST(MovingAverage, OfWeightsThatStayStays) {
+  const std::vector<torch::Tensor> parameters{torch::full({3}, 0.7)};
+  std::vector<torch::Tensor> average{torch::full({3}, 0.7)};
+  for (int step = 0; step < 2000; ++step) update_average(average, parameters, 0.999, step);
+  EXPECT_LT((average[0] - parameters[0]).abs().max().item<double>(), 1e-4);
+}
+
+TEST(AveragedWeights, AreInForceUntilTheEndOfTheirScope) {
+  auto network = torch::full({2}, 3.0f).requires_grad_();
+  std::vector<torch::Tensor> average{torch::full({2}, 1.0f)};
+  const auto all_are = [](const torch::Tensor& values, float wanted) {
+    return torch::equal(values.detach(), torch::full({2}, wanted));
+  };
+  {
+    const AveragedWeights in_force({network}, average, false);
+    EXPECT_TRUE(all_are(network, 3));
+  }
+  {
+    const AveragedWeights in_force({network}, average, true);
+    EXPECT_TRUE(all_are(network, 1));
+  }
+  EXPECT_TRUE(all_are(network, 3));
+  EXPECT_TRUE(all_are(average[0], 1));
+  EXPECT_TRUE(network.requires_grad());
+  // Each goes its own way again.
+  update_average(average, {network}, 0.5, 1000);
+  EXPECT_TRUE(all_are(network, 3));
+  EXPECT_TRUE(all_are(average[0], 2));
 }
 
 }  // namespace
