@@ -115,6 +115,38 @@ TEST(Validation, LightOfAPictureIsUnpolarized) {
   for (const float dn : clean.values()) ASSERT_NEAR(dn, 0.25 * white, 0.1);
 }
 
+// Highlights above white, of which no frame shows more than white: the light of training is held
+// to it as well. A frame in full light then differs from its reference by noise alone.
+TEST(Validation, CleanLightIsHeldToWhite) {
+  const testing::TemporaryFolder folder;
+  const testing::AngleScene scene(folder);
+  const NoiseModel camera = load_model("nikon-d850");
+  const double white = white_above_black(camera.white_dn, camera.black_dn);
+  TrainingConfig config = testing::scene_config(scene);
+  config.models = {"nikon-d850"};
+  config.package.settings.layout = "bayer-rggb";
+  config.validation_scenes = {folder / "bright.exr"};
+  Image bright(64, 64, 0.5F);
+  for (int r = 0; r < 64; ++r)
+    for (int c = 32; c < 64; ++c) bright(r, c) = 1.4F;
+  save_picture(config.validation_scenes.front(), bright);
+  config.cases = {{400, 1}};
+  config.validation.crop = kSide;
+  config.package.network =
+      fitted_network({"unet", {{"width", 2}, {"levels", 2}}}, config.package.settings);
+  const Image clean = sample_of(config, folder, "clean");
+  for (int r = 0; r < kSide; ++r)
+    for (int c = 0; c < kSide; ++c)
+      ASSERT_NEAR(clean(r, c), (c < kSide / 2 ? 0.5 : 1.0) * white, 1e-3 * white);
+  EXPECT_GT(Validation(config, kSeed, silent_progress()).noisy_score().image_psnr_db, 35);
+  config.package.settings.domain = "linear";
+  config.package.settings.residual = false;
+  config.package.settings.target = "rgb";
+  config.package.network =
+      fitted_network({"unet", {{"width", 2}, {"levels", 2}}}, config.package.settings);
+  EXPECT_GT(Validation(config, kSeed, silent_progress()).noisy_score().image_psnr_db, 25);
+}
+
 // So it has no error of AoLP, and counts for that of the other scenes as if it were not there.
 TEST(Validation, AFrameWithoutAMetricIsNotCountedAsZero) {
   const testing::TemporaryFolder folder;

@@ -11,6 +11,7 @@
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace malus {
@@ -57,9 +58,10 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
     const std::vector<StokesPlanes> light = std::filesystem::is_directory(folder)
                                                 ? load_angle_scene(folder)
                                                 : load_picture_scene(folder, config.tone);
+    // Held to white, as in training: no frame shows more, and nothing could reach such a reference.
     const auto middle = [&](const Image& whole) {
       Image part = middle_of(whole, camera.layout, config.validation.crop);
-      for (float& v : part.values()) v *= static_cast<float>(white);
+      for (float& v : part.values()) v = std::clamp(v, 0.0F, 1.0F) * static_cast<float>(white);
       return part;
     };
     const Image clean = middle(mosaic_of(light, camera.layout));
