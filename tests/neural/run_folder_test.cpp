@@ -5,8 +5,10 @@
 
 #include <algorithm>
 #include <fstream>
+#include <functional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "support.h"
@@ -251,6 +253,53 @@ TEST(RunFolder, AFinishedRunIsToldAtOnce) {
   const auto worker = single_worker();
   train(config, {run, true, false, 3}, *worker, stages);
   EXPECT_TRUE(stages.has("training"));
+}
+
+// Does something else once, between two steps.
+class BetweenSteps final : public Progress {
+ public:
+  explicit BetweenSteps(std::function<void()> act) : act_(std::move(act)) {}
+  void begin(std::string_view stage, std::int64_t) override { training_ = stage == "training"; }
+  void advance(std::int64_t) override {
+    if (!training_) return;
+    if (const auto act = std::exchange(act_, nullptr)) act();
+  }
+  void warn(std::string_view) override {}
+  bool stop_requested() const override { return false; }
+
+ private:
+  std::function<void()> act_;
+  bool training_ = false;
+};
+
+TEST(RunFolder, TwoRunsDoNotWriteIntoOneFolder) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const TrainingConfig config = validated_config(scene);
+  const fs::path run = folder / "run";
+  // As a killed run leaves it.
+  fs::create_directories(run);
+  std::ofstream(run / ".lock").close();
+  int refused = 0;
+  BetweenSteps progress([&] {
+    TrainingConfig other = config;
+    other.train.steps = 2;
+    for (const bool resume : {false, true})
+      for (const bool force : {false, true}) try {
+          run_in(run, other, resume, force);
+        } catch (const InputError& error) {
+          refused += std::string(error.what()).find("another training") != std::string::npos;
+        }
+  });
+  const auto worker = single_worker();
+  train(config, {run, false, false, 3}, *worker, progress);
+  EXPECT_EQ(refused, 4);
+  EXPECT_FALSE(fs::exists(run / ".lock"));
+  run_in(folder / "alone", config, false, false);
+  EXPECT_EQ(lines_of(run / "log.jsonl").size(), lines_of(folder / "alone" / "log.jsonl").size());
+  for (const char* file : {"weights.safetensors", "best.safetensors", "checkpoint.safetensors"})
+    expect_same_weights(run / file, folder / "alone" / file);
+  EXPECT_NO_THROW(run_in(run, config, true, false));
 }
 
 TEST(RunFolder, TheLightOfTheExamplesIsMeasuredOnce) {

@@ -129,6 +129,27 @@ def test_an_interrupt_stops_after_a_step_with_a_checkpoint(malus, config, tmp_pa
     assert [json.loads(line)["step"] for line in (out / "log.jsonl").read_text().splitlines()][-1] == reached
 
 
+def test_two_trainings_do_not_share_a_folder(malus, config, tmp_path):
+    path, out = config(100000, 2), tmp_path / "run"
+    process = start(path, "-o", out)
+    wait_for_step(process, out, 2)
+    for how in ("--force", "--resume"):
+        second = start(path, "-o", out, how)
+        assert "run: another training is writing into this folder; wait for its end" in second.communicate(timeout=60)[1]
+        assert second.returncode == 1
+    assert process.poll() is None
+    # What a killed run leaves holds nobody up.
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    reached = step_of(out)
+    process = start(path, "-o", out, "--resume")
+    wait_for_step(process, out, reached + 2)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert not (out / ".lock").exists()
+
+
 def free_port():
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))

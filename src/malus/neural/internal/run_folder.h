@@ -7,11 +7,28 @@
 
 namespace malus {
 
+/// One run writes into a folder at a time: a lock on a hidden file there, which the system takes
+/// back from a process that ends, however it ends. Where the file system knows no locks, none is
+/// held.
+class FolderLock {
+ public:
+  /// Throws InputError where another run holds the folder.
+  explicit FolderLock(const std::filesystem::path& folder);
+  ~FolderLock();
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  std::filesystem::path file_;
+  int held_ = -1;  ///< descriptor; -1: no lock
+};
+
 class RunFolder {
  public:
-  /// Makes the folder and removes what a killed run left unfinished. Throws InputError where a
-  /// run's files are there already, but for `force`, and for `resume` where there is a checkpoint
-  /// to go on from; a log alone is what a run left that was killed before its first checkpoint.
+  /// Makes the folder, holds it against other runs for as long as it lives, and removes what a
+  /// killed run left unfinished. Throws InputError where another run writes there, or a run's files
+  /// are there already, but for `force`, and for `resume` where there is a checkpoint to go on
+  /// from; a log alone is what a run left that was killed before its first checkpoint.
   RunFolder(const std::filesystem::path& folder, bool resume, bool force);
 
   std::filesystem::path file(const char* name) const { return path_ / name; }
@@ -25,6 +42,7 @@ class RunFolder {
  private:
   std::filesystem::path path_;
   OutputFolder made_;
+  FolderLock lock_;  ///< goes before made_, which looks whether the folder is empty
   bool goes_on_;
 };
 
