@@ -123,8 +123,8 @@ TEST(GaussianEllipse, HasTheMahalanobisDistanceEverywhere) {
   EXPECT_NEAR(curve.x.front(), curve.x.back(), 1e-12);
 }
 
-Chart box_chart() {
-  BoxSeries boxes{"b", {"R"}, {{1, 2, 3, 4, 100}}};
+Chart box_chart(double largest = 100) {
+  BoxSeries boxes{"b", {"R"}, {{1, 2, 3, 4, largest}}};
   return {
       "Boxes", "five values", {"channel", "1", AxisScale::kCategory, {"R"}}, {"v", "DN"}, {boxes}};
 }
@@ -134,6 +134,11 @@ TEST(BoxPlot, WhiskersEndAtOneAndAHalfQuartileRanges) {
   const std::string html = report_html(report_of(ChartsBlock{"", {{"", box_chart()}}}));
   EXPECT_THAT(html, HasSubstr(R"("boxes":[[1.0,2.0,3.0,4.0,4.0]])"));
   EXPECT_THAT(html, HasSubstr(R"("outliers":[{"category":0,"value":100.0}])"));
+  const auto boxes_of = [](double largest) {
+    return report_html(report_of(ChartsBlock{"", {{"", box_chart(largest)}}}));
+  };
+  EXPECT_THAT(boxes_of(6.75), HasSubstr(R"("boxes":[[1.0,2.0,3.0,4.0,6.75]])"));
+  EXPECT_THAT(boxes_of(7.25), HasSubstr(R"("boxes":[[1.0,2.0,3.0,4.0,4.0]])"));
 }
 
 std::string text_of(const std::filesystem::path& path) {
