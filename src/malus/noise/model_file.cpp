@@ -259,8 +259,7 @@ void transfer_layout(const Hdf5Reader& archive, SensorLayout& layout) {
   archive.integer({"cell_rows", "", ""}, rows);
   archive.integer({"cell_cols", "", ""}, cols);
   archive.texts({"channels", "", ""}, sites);
-  if (rows < 1 || cols < 1 || rows > SensorLayout::kLargestCell ||
-      cols > SensorLayout::kLargestCell ||
+  if (std::min(rows, cols) < 1 || std::max(rows, cols) > SensorLayout::kLargestCell ||
       sites.size() != static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols))
     archive.fail("channels",
                  fmt::format("holds {} names for a cell of {} x {}", sites.size(), rows, cols));
