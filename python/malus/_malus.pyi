@@ -1,7 +1,7 @@
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, overload
+from typing import Any, Protocol, SupportsFloat, TypeVar, overload
 
 import numpy
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ class Frames(Protocol):
     def __getitem__(self, index: int, /) -> Any: ...
 
 Arrays = ArrayLike | DLPack
+Levels = SupportsFloat | Sequence[SupportsFloat] | NDArray[Any] | DLPack
 Out = TypeVar("Out", Floats, DLPack)
 
 class InputError(ValueError): ...
@@ -32,8 +33,8 @@ class Frame:
         self,
         dn: Arrays,
         layout: str | None = None,
-        black: float | Sequence[float] | None = None,
-        white: float | None = None,
+        black: Levels | None = None,
+        white: SupportsFloat | None = None,
         *,
         gain_db: float | None = None,
         iso: float | None = None,
@@ -186,8 +187,8 @@ def unpack(planes: Arrays, layout: str) -> Floats: ...
 def info(
     raw: Frame | Arrays | str | PathLike[str],
     layout: str | None = None,
-    black: float | Sequence[float] | None = None,
-    white: float | None = None,
+    black: Levels | None = None,
+    white: SupportsFloat | None = None,
     *,
     raw_format: str | None = None,
     size: tuple[int, int] | None = None,
@@ -195,8 +196,8 @@ def info(
 def load_frame(
     path: str | PathLike[str],
     layout: str | None = None,
-    black: float | Sequence[float] | None = None,
-    white: float | None = None,
+    black: Levels | None = None,
+    white: SupportsFloat | None = None,
     *,
     raw_format: str | None = None,
     size: tuple[int, int] | None = None,
@@ -207,8 +208,8 @@ def calibrate(
     *,
     sensor: str = "",
     layout: str | None = None,
-    black: float | Sequence[float] | None = None,
-    white: float | None = None,
+    black: Levels | None = None,
+    white: SupportsFloat | None = None,
     row_group: int | None = None,
     saturation_limit: float = 0.7,
     shape: str = "likelihood",
@@ -223,8 +224,8 @@ def denoise(
     raw: Frame | Arrays,
     *,
     layout: str | None = None,
-    black: float | Sequence[float] | None = None,
-    white: float | None = None,
+    black: Levels | None = None,
+    white: SupportsFloat | None = None,
     model: Model | str | PathLike[str] | None = None,
     gain: float | None = None,
     origin: tuple[int, int] | None = None,
@@ -248,8 +249,8 @@ def estimate_noise(
     raw: Frame | Arrays,
     *,
     layout: str | None = None,
-    black: float | Sequence[float] | None = None,
-    white: float | None = None,
+    black: Levels | None = None,
+    white: SupportsFloat | None = None,
 ) -> dict[str, Any]: ...
 def stokes(
     dn_above_black: Frame | Arrays,
@@ -304,8 +305,8 @@ def renoise(
     seed: int = 0,
     frame: int = 0,
     layout: str | None = None,
-    black: float | Sequence[float] | None = None,
-    white: float | None = None,
+    black: Levels | None = None,
+    white: SupportsFloat | None = None,
     kind: str = "physics",
     method: str = "noise-on-noise",
 ) -> Floats: ...

@@ -8,6 +8,7 @@
 #include <memory>
 #include <string_view>
 
+#include "array_frame.h"
 #include <fmt/format.h>
 #include <pybind11/stl.h>
 
@@ -132,6 +133,11 @@ py::array numbers_from(const py::object& object, const char* name) {
         "its data",
         name, name));
   py::array array = array_from(object);
+  if (held_frame(object))
+    throw py::type_error(fmt::format(
+        "{} must be an array of numbers, not a Frame; give its .dn, less black where DN above "
+        "black are asked for",
+        name));
   if (!holds_numbers(array))
     throw py::type_error(fmt::format("{} must be an array of numbers, not of {}", name,
                                      py::repr(array.dtype()).cast<std::string>()));

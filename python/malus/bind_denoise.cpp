@@ -118,10 +118,16 @@ Result run(const app::FrameDenoiser& denoiser, RawFrame frame, const NoiseProfil
   return result;
 }
 
-// A path is the name of a network's file.
+// A path is the name of a network's file; its bytes need not be UTF-8.
 void take_path_as_text(py::kwargs& kwargs) {
-  if (kwargs.contains("method") && py::hasattr(kwargs["method"], "__fspath__"))
-    kwargs["method"] = py::module_::import("os").attr("fspath")(kwargs["method"]);
+  if (!kwargs.contains("method") || !is_path(kwargs["method"])) return;
+  const py::module_ os = py::module_::import("os");
+  py::object method = os.attr("fspath")(kwargs["method"]);
+  kwargs["method"] = method;
+  try {
+    kwargs["method"] = os.attr("fsencode")(method);
+  } catch (py::error_already_set&) {  // no file's name: refused as other settings are
+  }
 }
 
 py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const ToldOfNoise& told,

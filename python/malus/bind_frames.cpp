@@ -229,7 +229,18 @@ void bind_frame(py::module_& m) {
       .def(py::init(&frame_from_array), py::arg("dn"), py::arg("layout") = py::none(),
            py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
            py::arg("gain_db") = py::none(), py::arg("iso") = py::none(),
-           py::arg("exposure_s") = py::none())
+           py::arg("exposure_s") = py::none(),
+           "A frame of an array.\n\n"
+           "dn: [row, column] in DN, black included. layout: name of the mosaic layout (mono if "
+           "left out).\n"
+           "black: one number, or one per channel in mosaic order: a list, an array or a tensor of "
+           "one dimension [DN]; not known if left out, taken as 0.\n"
+           "white: saturation, black included [DN]; if left out that of integers' type, of float "
+           "pixels the largest.\n"
+           "gain_db or iso, exposure_s [s]: how it was taken, where that is known.\n\n"
+           "Throws InputError for an unknown layout, black levels that are not one per channel or "
+           "not below white, and a gain or exposure that is none; TypeError for what is no array "
+           "of numbers.")
       .def_property_readonly(
           "dn",
           [](const py::object& self) { return array_sharing(self.cast<HeldFrame&>().dn, self); },

@@ -1,5 +1,7 @@
 """Arguments of a wrong type are refused with one line that names them, what they are and what is wanted."""
 
+import os
+import pathlib
 import re
 
 import numpy as np
@@ -9,6 +11,13 @@ malus = pytest.importorskip("malus", reason="the Python module is not built (pyb
 MODEL = malus.Model("imx250myr-simulated")
 CODES = np.full((64, 64), 300, np.uint16)
 BATCH = np.zeros((8, 8), np.float32)
+
+
+def test_the_name_of_a_networks_file_need_not_be_utf8():
+    name = os.fsdecode(b"n\xe4me/net.safetensors")
+    for method in (name, pathlib.PurePosixPath(name)):
+        with pytest.raises(malus.InputError, match="safetensors: (?!.*give a text)"):
+            malus.denoise(CODES, layout="mono", white=4095, method=method)
 
 
 @pytest.mark.parametrize("call, line", [

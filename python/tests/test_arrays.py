@@ -260,6 +260,15 @@ def test_what_holds_no_numbers_is_refused_by_name(model, given):
             call()
 
 
+def test_a_frame_in_place_of_numbers_is_called_one():
+    frame = malus.Frame(np.zeros((8, 8), np.uint16), "mono", white=100)
+    numbers = np.zeros((8, 8), np.float32)
+    for name, call in (("reference", lambda: malus.evaluate(frame, numbers, "mono", 100)),
+                       ("test", lambda: malus.evaluate(numbers, frame, "mono", 100))):
+        with pytest.raises(TypeError, match=f"^{name} must be an array of numbers, not a Frame; give its .dn, less black"):
+            call()
+
+
 @pytest.mark.parametrize("name", ["row0", "col0"])
 @pytest.mark.parametrize("place", [-1, 2**30 - 63, 2**31 - 1, 2**31])
 def test_places_off_the_sensor_are_refused(model, name, place):

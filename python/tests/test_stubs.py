@@ -26,6 +26,8 @@ again = model.at_gain(24, read=False).synthesize(clean, out=noisy)
 gain: float = model.random_gain(0, 1)
 frame = malus.load_frame("x.png", layout="mono")
 level: float = frame.black_dn[0] + again.mean()
+of_array = malus.Frame(np.zeros((8, 8), np.uint16), "polar-mono", black=np.array([82.0, 82, 83, 82]), white=np.float32(4095))
+again_of_array = malus.Frame(of_array.dn, "polar-mono", black=of_array.black_dn, white=4095)
 kinds: list[str] = [group.kind for group in malus.Session("session.toml").groups]
 """
 
@@ -38,7 +40,7 @@ def run_mypy(tmp_path, *arguments):
 
 # Types that only the stubs need; pybind11's metaclass, and its constructor that refuses.
 ALLOWED = r"""
-malus\._malus\.(DLPack|Arrays|Floats|Frames|Out)
+malus\._malus\.(DLPack|Arrays|Floats|Frames|Levels|Out)
 malus(\._malus)?\.(Frame|FrameGroup|FrameSet|Model|Noise|Session)
 malus(\._malus)?\.(FrameGroup|Noise)\.__init__
 """
@@ -62,7 +64,7 @@ def test_a_strict_user_is_content(tmp_path):
 def test_a_strict_user_hears_of_mistakes(tmp_path):
     (tmp_path / "use.py").write_text(USE + 'model.synthesize(clean, gian=24)\nmodel.synthesize(clean, gain="24")\n')
     done = run_mypy(tmp_path, "mypy", "--strict", "--cache-dir", str(tmp_path / "cache"), "use.py")
-    assert done.returncode == 1 and "use.py:13:" in done.stdout and "Found 2 errors" in done.stdout
+    assert done.returncode == 1 and "use.py:15:" in done.stdout and "Found 2 errors" in done.stdout
 
 
 def functions():
