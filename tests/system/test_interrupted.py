@@ -79,8 +79,9 @@ def check_stopped(out, err):
 def test_ctrl_c_ends_a_shells_loop(long_run, tmp_path):
     run, started = long_run
     loop = 'for i in 0 1 2; do "$@" "out$i"; done; echo went on'
-    shell = subprocess.Popen(["bash", "-c", loop, "bash", *run], cwd=tmp_path, start_new_session=True,
-                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # Tests that run in the background of a script have inherited that Ctrl-C is ignored, which no shell can undo.
+    shell = subprocess.Popen(["bash", "-c", loop, "bash", *run], cwd=tmp_path, start_new_session=True, stdout=subprocess.PIPE,
+                             stderr=subprocess.PIPE, text=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     started(tmp_path / "out0", shell)
     os.killpg(shell.pid, signal.SIGINT)
     out, err = shell.communicate(timeout=60)
