@@ -1,6 +1,7 @@
 #include "malus/neural/internal/convolution.h"
 
 #include "malus/base/error.h"
+#include "malus/neural/internal/matrix_unit.h"
 #include "malus/neural/internal/tasks.h"
 
 #include <algorithm>
@@ -17,7 +18,8 @@ constexpr std::ptrdiff_t kPixelsPerTask = 192;
 // multiplications that they save; tiles along a row; bytes of a task's elements in the cache.
 constexpr std::ptrdiff_t kWinogradChannels = 384, kTileCols = 16, kElementBytes = 640 * 1024;
 // Where products round, direct ones beat Winograd's in float32 below this many outputs (a tenth to
-// a quarter slower above); Winograd's of rounded values would lose five times as much accuracy.
+// a quarter slower above), in a matrix unit always; Winograd's of rounded values would lose five
+// times as much accuracy.
 constexpr std::ptrdiff_t kRoundedWinogradOutputs = 64;
 constexpr std::ptrdiff_t kElements = 36, kTile = 4, kWindow = 6;
 
@@ -93,9 +95,10 @@ PackedConvolution::PackedConvolution(const torch::nn::Conv2d& layer, float leak_
       padding((rows - 1) / 2),
       leak(leak_of_activation) {
   const std::int64_t in = taps.inner(), out = taps.cols();
-  const bool rounded = taps.product().pairs != nullptr;
+  const bool direct =
+      taps.product().pairs != nullptr && (has_matrix_unit() || out < kRoundedWinogradOutputs);
   if (rows != 3 || cols != 3 || stride != 1 || in % kLane != 0 || out % kLane != 0 ||
-      in + out > kWinogradChannels || (rounded && out < kRoundedWinogradOutputs))
+      in + out > kWinogradChannels || direct)
     return;
   const auto g = torch::tensor({{1.0 / 4, 0.0, 0.0},
                                 {-1.0 / 6, -1.0 / 6, -1.0 / 6},

@@ -31,7 +31,7 @@ struct InferenceSettings {
           ParameterInfo{.name = "precision",
                         .unit = "",
                         .help = "of a network's layers; bfloat16 stays float32 on a CPU that is "
-                                "no faster with it (all but AMD's from Zen 4)",
+                                "no faster with it (all but AMD's from Zen 4 and Intel's with AMX)",
                         .choices = {"float32", "bfloat16"}});
     field(self.tile_batch,
           ParameterInfo{"tile_batch", "1", "tiles that a network filters at once", 1, 64});

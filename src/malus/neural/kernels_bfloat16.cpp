@@ -1,8 +1,10 @@
-// Products of values rounded to bfloat16 with sums in float32, by vdpbf16ps (AVX512_BF16), which
-// takes two values of the inner dimension at once: twice the multiply-adds of a float32
-// instruction. Highway 1.0 has no target with it: intrinsics, chosen at run time.
+// Products of values rounded to bfloat16 with sums in float32: in the processor's matrix unit, or
+// by vdpbf16ps (AVX512_BF16), which takes two values of the inner dimension at once: twice the
+// multiply-adds of a float32 instruction. Highway 1.0 has no target with it: intrinsics, chosen at
+// run time.
 #include "malus/base/error.h"
 #include "malus/neural/internal/kernels.h"
+#include "malus/neural/internal/matrix_unit.h"
 
 #include <algorithm>
 #include <array>
@@ -65,8 +67,15 @@ Bfloat16* rounding_memory(std::ptrdiff_t count) {
   return memory.data();
 }
 
-void multiply_rounded_values(MatrixProduct p) {
-  if (p.rounded != nullptr) return multiply_parts(p, p.rounded, p.pairs);
+void multiply_packed(const MatrixProduct& p, const Bfloat16* a, bool in_unit) {
+  if (in_unit)
+    multiply_in_matrix_unit(p, a);
+  else
+    multiply_parts(p, a, p.pairs);
+}
+
+void multiply_rounded_values(MatrixProduct p, bool in_unit) {
+  if (p.rounded != nullptr) return multiply_packed(p, p.rounded, in_unit);
   const std::ptrdiff_t pitch = whole_depth(p.inner);
   if (!p.taps.empty() || (p.a_row == p.inner && p.inner == pitch)) {
     // Windows share values: what lies from the first to the last is rounded once.
@@ -77,7 +86,7 @@ void multiply_rounded_values(MatrixProduct p) {
     Bfloat16* a = rounding_memory(count + 1);
     round_values(p.a, count, a);
     a[count] = 0;
-    multiply_parts(p, a, p.pairs);
+    multiply_packed(p, a, in_unit);
     return;
   }
   Bfloat16* a = rounding_memory(p.groups * p.rows * pitch);
@@ -87,7 +96,7 @@ void multiply_rounded_values(MatrixProduct p) {
   }
   p.a_row = pitch;
   p.a_group = p.rows * pitch;
-  multiply_parts(p, a, p.pairs);
+  multiply_packed(p, a, in_unit);
 }
 
 }  // namespace
@@ -96,10 +105,15 @@ HWY_POP_ATTRIBUTES
 
 namespace malus::internal {
 bool can_round_products() { return __builtin_cpu_supports("avx512bf16") != 0; }
-bool rounded_products_pay() { return can_round_products() && __builtin_cpu_is("amd") != 0; }
-void multiply_rounded(const MatrixProduct& product) {
+bool rounded_products_pay() {
+  return has_matrix_unit() || (can_round_products() && __builtin_cpu_is("amd") != 0);
+}
+void multiply_rounded(const MatrixProduct& product, bool in_unit) {
   MALUS_REQUIRE(can_round_products() && product.a_inner == 1 && product.b_inner == 0);
-  bfloat16::multiply_rounded_values(product);
+  bfloat16::multiply_rounded_values(product, in_unit);
+}
+void multiply_rounded(const MatrixProduct& product) {
+  multiply_rounded(product, has_matrix_unit());
 }
 void round_values(const float* from, std::ptrdiff_t count, Bfloat16* to) {
   bfloat16::round_values(from, count, to);
@@ -109,6 +123,7 @@ void round_values(const float* from, std::ptrdiff_t count, Bfloat16* to) {
 namespace malus::internal {
 bool can_round_products() { return false; }
 bool rounded_products_pay() { return false; }
+void multiply_rounded(const MatrixProduct&, bool) { MALUS_REQUIRE(can_round_products()); }
 void multiply_rounded(const MatrixProduct&) { MALUS_REQUIRE(can_round_products()); }
 void round_values(const float*, std::ptrdiff_t, Bfloat16*) { MALUS_REQUIRE(can_round_products()); }
 }  // namespace malus::internal

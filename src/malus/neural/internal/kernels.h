@@ -70,11 +70,13 @@ constexpr std::ptrdiff_t gate_column(std::ptrdiff_t n, std::ptrdiff_t cols,
 
 /// Whether this processor multiplies bfloat16 (x86's AVX512_BF16).
 bool can_round_products();
-/// Whether a network's pass is faster with them: on AMD's cores (from Zen 4), which start as many a
-/// cycle as float32's. On Intel's it takes 1.2 to 1.6 times as long (docs/networks.md).
+/// Whether a network's pass is faster with them: on Intel's cores with a matrix unit, and on AMD's
+/// (from Zen 4), which start as many a cycle as float32's. On Intel's without one it takes 1.2 to
+/// 1.6 times as long (docs/networks.md).
 bool rounded_products_pay();
-/// multiply() where pairs are given.
+/// multiply() where pairs are given; in the processor's matrix unit where it has one, or as told.
 void multiply_rounded(const MatrixProduct& product);
+void multiply_rounded(const MatrixProduct& product, bool in_matrix_unit);
 /// As such products round what they multiply: to nearest even, the smallest numbers to zero.
 void round_values(const float* from, std::ptrdiff_t count, Bfloat16* to);
 
