@@ -1,6 +1,7 @@
 #include "malus/image/middle.h"
 
 #include <array>
+#include <cmath>
 
 #include <gtest/gtest.h>
 
@@ -36,6 +37,19 @@ TEST(Middle, KeepsTheLayoutsPhaseAndWholeCells) {
           << name;
     }
   }
+}
+
+TEST(Middle, KeepsWholeRowGroups) {
+  const SensorLayout layout = SensorLayout::named("polar-mono");
+  for (const int group : {2, 3, 8}) {
+    const MiddleWindow window = middle_window(100, 70, layout, 40, group);
+    EXPECT_EQ(window.row0 % group, 0);
+    EXPECT_EQ(window.rows % group, 0);
+    EXPECT_EQ(window.row0 % 2 + window.rows % 2 + window.col0 % 2, 0);
+    EXPECT_EQ(window.cols, 40);
+    EXPECT_LE(std::abs(100 - window.rows - 2 * window.row0), 2 * 2 * group);
+  }
+  EXPECT_EQ(middle_window(100, 70, layout, 40, 64).rows, 0);
 }
 
 TEST(Middle, IsEmptyWhereThereIsNoWholeCell) {

@@ -81,6 +81,44 @@ TEST(ClippedShare, CountsFromALittleBelowWhite) {
   EXPECT_DOUBLE_EQ(clipped_share(reference, 1100), 0.0);
 }
 
+TEST(MarkUnknown, LeavesWhatTellsTheLight) {
+  Image reference(2, 4);
+  reference(0, 0) = 979;
+  reference(0, 1) = 981;
+  reference(0, 2) = -30;
+  reference(0, 3) = std::numeric_limits<float>::infinity();
+  reference(1, 1) = 500;
+  const DefectList defects{2, 4, {{1, 1}, {0, 1}}}, of_another_size{4, 4, {{1, 1}}};
+  Image spoiled = reference;
+  EXPECT_EQ(mark_unknown(spoiled, 1000, defects), 3);
+  EXPECT_TRUE(std::isnan(spoiled(0, 1)) && std::isnan(spoiled(1, 1)));
+  EXPECT_EQ(spoiled(0, 0), 979);
+  EXPECT_EQ(spoiled(0, 2), -30);
+  Image clipped = reference;
+  EXPECT_EQ(mark_unknown(clipped, 1000, of_another_size), 2);
+  EXPECT_EQ(clipped(1, 1), 500);
+  EXPECT_DOUBLE_EQ(clipped_share(reference, 1000), 2.0 / 8);  // what else is unknown was finite
+}
+
+TEST(LightOfReference, IsWithoutBiasAndOverTheRatio) {
+  NoiseProfile bias;
+  bias.layout = SensorLayout::named("bayer-rggb");
+  bias.channels.resize(4);
+  for (std::size_t k = 0; k < 4; ++k) bias.channels[k].bias_dn = 2.0 * static_cast<double>(k) - 4;
+  Image reference(4, 4, 100.0f);
+  reference(3, 3) = std::numeric_limits<float>::quiet_NaN();
+  const Image held = light_of_reference(reference, &bias, 8),
+              plain = light_of_reference(reference, nullptr, 8);
+  for (int r = 0; r < 4; ++r)
+    for (int c = 0; c < 4; ++c) {
+      if (r == 3 && c == 3) continue;
+      const auto k = static_cast<std::size_t>(bias.layout.channel_at(r, c));
+      EXPECT_FLOAT_EQ(held(r, c), static_cast<float>((100 - bias.channels[k].bias_dn) / 8));
+      EXPECT_FLOAT_EQ(plain(r, c), 12.5f);
+    }
+  EXPECT_TRUE(std::isnan(held(3, 3)));
+}
+
 TEST(GainRatio, IsMeasuredWhereProfilesHoldGains) {
   NoiseProfile one, other;
   one.channels.resize(2);

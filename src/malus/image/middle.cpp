@@ -5,15 +5,27 @@
 
 namespace malus {
 
-Image middle_of(const Image& mosaic, const SensorLayout& layout, int side) {
+MiddleWindow middle_window(int rows, int cols, const SensorLayout& layout, int side,
+                           int row_group) {
   const int cell = std::lcm(std::lcm(layout.rows(), layout.cols()), 2);
-  const auto length = [&](int size) { return std::min(size, side) / cell * cell; };
-  const int rows = length(mosaic.rows()), cols = length(mosaic.cols());
-  const int row0 = (mosaic.rows() - rows) / 2 / cell * cell;
-  const int col0 = (mosaic.cols() - cols) / 2 / cell * cell;
-  Image middle(rows, cols);
-  for (int r = 0; r < rows; ++r) std::copy_n(mosaic.row(row0 + r) + col0, cols, middle.row(r));
-  return middle;
+  const auto length = [&](int size, int step) { return std::min(size, side) / step * step; };
+  const auto start = [](int size, int part, int step) { return (size - part) / 2 / step * step; };
+  const int group = std::lcm(cell, row_group);
+  MiddleWindow window{.rows = length(rows, group), .cols = length(cols, cell)};
+  window.row0 = start(rows, window.rows, group);
+  window.col0 = start(cols, window.cols, cell);
+  return window;
+}
+
+Image part_of(const Image& mosaic, const MiddleWindow& window) {
+  Image part(window.rows, window.cols);
+  for (int r = 0; r < window.rows; ++r)
+    std::copy_n(mosaic.row(window.row0 + r) + window.col0, window.cols, part.row(r));
+  return part;
+}
+
+Image middle_of(const Image& mosaic, const SensorLayout& layout, int side) {
+  return part_of(mosaic, middle_window(mosaic.rows(), mosaic.cols(), layout, side));
 }
 
 }  // namespace malus

@@ -11,9 +11,9 @@
 #include "malus/io/pair_list.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/shard_read.h"
-#include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/synthesize/dataset.h"
+#include "malus/synthesize/pairs.h"
 
 #include <algorithm>
 #include <cmath>
@@ -202,18 +202,14 @@ class CapturedPairs final : public PairSource {
     const RecordedPair& recorded = pairs_[pick(random, pairs_.size())];
     RawPair pair;
     pair.noisy = load_of_sensor(recorded.noisy);
-    std::vector<Image> clean{load_of_sensor(recorded.reference).dn};
-    if (recorded.bias_at)
-      subtract_bias(clean.front(), model_.profile_at(*recorded.bias_at, gains_));
+    std::vector<Image> clean{clean_of(recorded)};
     if (with_picture_ && !recorded.picture.empty())
-      for (Image& plane : load_colors(recorded)) clean.push_back(std::move(plane));
-    for (Image& plane : clean) {
+      for (Image& plane : load_colors(recorded))
+        clean.push_back(light_of_reference(std::move(plane), nullptr, recorded.ratio));
+    for (const Image& plane : clean)
       if (plane.rows() != pair.noisy.dn.rows() || plane.cols() != pair.noisy.dn.cols())
         throw InputError(recorded.noisy.string(), "has another size than its reference",
                          "make the pairs again");
-      for (float& v : plane.values())
-        v = static_cast<float>(static_cast<double>(v) / recorded.ratio);
-    }
     const MosaicWindow part = windows_.draw(clean.front(), random);
     pair.noisy.dn = window(pair.noisy.dn, part);
     require_finite(pair.noisy.dn, recorded.noisy.string());
@@ -242,6 +238,14 @@ class CapturedPairs final : public PairSource {
     RawFrame frame = load_frame(path);
     take_layout_of_model(frame, model_.layout);
     return frame;
+  }
+
+  Image clean_of(const RecordedPair& recorded) const {
+    Image reference_dn = load_of_sensor(recorded.reference).dn;
+    if (!recorded.bias_at)
+      return light_of_reference(std::move(reference_dn), nullptr, recorded.ratio);
+    const NoiseProfile bias = model_.profile_at(*recorded.bias_at, gains_);
+    return light_of_reference(std::move(reference_dn), &bias, recorded.ratio);
   }
 
   NoiseModel model_;

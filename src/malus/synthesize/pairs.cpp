@@ -3,9 +3,11 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/text.h"
+#include "malus/noise/raw_variance.h"
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -18,6 +20,12 @@ struct Products {
   double cross = 0, square = 0;
   std::int64_t pixels = 0;
 };
+
+// From here on white may have cut off some of the frames that a reference is the mean of.
+float clipped_from(double white_dn) {
+  constexpr float kNearWhite = 0.98f;
+  return kNearWhite * static_cast<float>(white_dn);
+}
 
 // 0 where the profile does not hold it.
 double mean_gain_dn_per_e(const NoiseProfile& profile) {
@@ -77,8 +85,7 @@ Estimate<double> relative_intensity(View<const float> short_dn, View<const float
 }
 
 double clipped_share(View<const float> reference_dn, double white_dn) {
-  constexpr float kNearWhite = 0.98f;
-  const auto top = kNearWhite * static_cast<float>(white_dn);
+  const float top = clipped_from(white_dn);
   std::int64_t clipped = 0, pixels = 0;
   for (int r = 0; r < reference_dn.rows(); ++r)
     for (int c = 0; c < reference_dn.cols(); ++c) {
@@ -86,6 +93,27 @@ double clipped_share(View<const float> reference_dn, double white_dn) {
       ++pixels;
     }
   return static_cast<double>(clipped) / static_cast<double>(pixels);
+}
+
+std::int64_t mark_unknown(Image& reference_dn, double white_dn, const DefectList& defects) {
+  constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
+  if (defects.rows == reference_dn.rows() && defects.cols == reference_dn.cols())
+    for (const DefectList::Place& place : defects.places)
+      reference_dn(place.row, place.col) = kUnknown;
+  const float top = clipped_from(white_dn);
+  std::int64_t unknown = 0;
+  for (float& v : reference_dn.values()) {
+    if (v >= top) v = kUnknown;
+    unknown += !std::isfinite(v);
+  }
+  return unknown;
+}
+
+Image light_of_reference(Image reference_dn, const NoiseProfile* bias_of_reference, double ratio) {
+  MALUS_REQUIRE(ratio > 0);
+  if (bias_of_reference) subtract_bias(reference_dn, *bias_of_reference);
+  for (float& v : reference_dn.values()) v = static_cast<float>(static_cast<double>(v) / ratio);
+  return reference_dn;
 }
 
 std::optional<double> gain_ratio(const NoiseProfile& one, const NoiseProfile& other) {

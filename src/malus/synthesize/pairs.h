@@ -9,6 +9,7 @@
 #include "malus/noise/profile.h"
 
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -37,6 +38,16 @@ Estimate<double> relative_intensity(View<const float> short_dn, View<const float
 /// Share of a reference's pixels at 98 % of white or beyond: white cuts them off, in some of its
 /// frames at least, and they are darker than the scene. white_dn: above black, like the reference.
 double clipped_share(View<const float> reference_dn, double white_dn);
+
+/// Makes those pixels of a reference NaN that do not tell the light of its scene: the ones that
+/// clipped_share counts, and defects where their list is of a sensor of this size. Returns how many
+/// pixels are no finite numbers then.
+std::int64_t mark_unknown(Image& reference_dn, double white_dn, const DefectList& defects = {});
+
+/// What a pair's noisy frame should show: the reference over the low-light ratio; DN above black
+/// and bias. bias_of_reference: where the reference still holds the bias of its gain, else null.
+/// Contract: it is of the layout of the mosaic; ratio > 0.
+Image light_of_reference(Image reference_dn, const NoiseProfile* bias_of_reference, double ratio);
 
 /// How much more DN a camera makes of the same light at one gain than at another, by the K of a
 /// model's profiles (means over the channels), which knows of conversion gains and of ISO. Nothing
