@@ -8,16 +8,20 @@
 #include "malus/image/middle.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/picture_file.h"
-#include "malus/noise/raw_variance.h"
+#include "malus/noise/frame_levels.h"
+#include "malus/noise/same_sensor.h"
 #include "malus/polar/color_map.h"
 #include "malus/polar/demosaick.h"
+#include "malus/synthesize/pairs.h"
 #include "malus/synthesize/scene.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
+#include "frame_contents.h"
 #include "frame_input.h"
 #include <fmt/format.h>
 
@@ -62,7 +66,59 @@ const RecordedPair* counterpart(const std::vector<RecordedPair>& made,
   return nearest;
 }
 
+// Of these commands none extrapolates a model, as what the model advises may do.
+void require_known_gain(const NoiseModel& model, const GainSetting& gain, const std::string& of) {
+  try {
+    model.profile_at(gain);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{} at {}", of, gain.text()), error.problem(),
+                     "give a model that knows this gain, or leave the pair out");
+  }
+}
+
+void require_pair(const RecordedPair& pair, const RawFrame& reference, const RawFrame& noisy,
+                  bool of_one_size) {
+  if (!of_one_size)
+    throw InputError(pair.noisy.string(), "has another size than its reference",
+                     "make the pairs again");
+  if (reference.layout_known && !(reference.layout == noisy.layout))
+    throw InputError(pair.reference.string(),
+                     fmt::format("has the layout {}, its short frame {}", reference.layout.name(),
+                                 noisy.layout.name()),
+                     "make the pairs again");
+}
+
+// Where its frames are, and whether they belong together.
+void check_frames(const RecordedPair& pair, const NoiseModel* model) {
+  FrameInfo noisy = probe_frame(pair.noisy);
+  const FrameInfo reference = probe_frame(pair.reference);
+  require_raw(pair.noisy.string(), noisy.holds, "name the short frame as the camera wrote it");
+  if (model) take_layout_of_model(noisy.frame, model->layout);
+  require_pair(pair, reference.frame, noisy.frame,
+               reference.rows == noisy.rows && reference.cols == noisy.cols);
+}
+
 }  // namespace
+
+std::vector<RecordedPair> open_pairs(const std::vector<fs::path>& lists, const NoiseModel* model) {
+  std::vector<RecordedPair> all;
+  std::vector<GainSetting> known;
+  for (const fs::path& list : lists) {
+    std::vector<RecordedPair> pairs = load_pair_list(list);
+    if (pairs.empty())
+      throw InputError(list.string(), "holds no pairs", "make some with malus pairs");
+    for (RecordedPair& pair : pairs) {
+      check_frames(pair, model);
+      for (const GainSetting& gain : {pair.gain, pair.bias_at.value_or(pair.gain)}) {
+        if (!model || std::ranges::find(known, gain) != known.end()) continue;
+        require_known_gain(*model, gain, fmt::format("{}: {}", list.string(), pair.name));
+        known.push_back(gain);
+      }
+      all.push_back(std::move(pair));
+    }
+  }
+  return all;
+}
 
 std::vector<RecordedPair> captures_at(const std::vector<RecordedPair>& captures,
                                       const GainSetting& gain, const fs::path& list) {
@@ -114,17 +170,36 @@ std::vector<RecordedPair> take_pictures(const NoiseModel& camera,
   return captures;
 }
 
-LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model) {
+RawFrame load_short(const RecordedPair& capture, const NoiseModel* model) {
   FrameOptions options;
-  options.layout = model.layout;
-  LoadedCapture loaded{load_frame(capture.noisy, options), {}};
-  loaded.clean_dn = load_frame(capture.reference, options).dn;
-  if (loaded.clean_dn.rows() != loaded.noisy.dn.rows() ||
-      loaded.clean_dn.cols() != loaded.noisy.dn.cols())
-    throw InputError(capture.noisy.string(), "has another size than its reference",
-                     "make the pairs again");
-  if (capture.bias_at) subtract_bias(loaded.clean_dn, model.profile_at(*capture.bias_at));
-  for (float& v : loaded.clean_dn.values()) v /= static_cast<float>(capture.ratio);
+  if (model) options = options_for_model(options, *model, capture.noisy);
+  RawFrame frame = load_frame(capture.noisy,
+                              options_for_file(capture.noisy, options, FloatBlack::kAboveAlready));
+  require_gain(frame, capture.gain, "its list of pairs");
+  frame.gain = capture.gain;
+  return frame;
+}
+
+RawFrame load_reference(const RecordedPair& capture, const RawFrame& noisy) {
+  RawFrame reference = load_frame(capture.reference);
+  require_pair(capture, reference, noisy,
+               reference.dn.rows() == noisy.dn.rows() && reference.dn.cols() == noisy.dn.cols());
+  reference.layout = noisy.layout;
+  return reference;
+}
+
+Image light_of(const RecordedPair& capture, Image reference_dn, const NoiseModel* model,
+               double ratio) {
+  if (!model || !capture.bias_at)
+    return light_of_reference(std::move(reference_dn), nullptr, ratio);
+  const NoiseProfile bias = model->profile_at(*capture.bias_at);
+  return light_of_reference(std::move(reference_dn), &bias, ratio);
+}
+
+LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model) {
+  LoadedCapture loaded{load_short(capture, &model), {}};
+  loaded.clean_dn =
+      light_of(capture, load_reference(capture, loaded.noisy).dn, &model, capture.ratio);
   return loaded;
 }
 

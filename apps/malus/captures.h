@@ -14,6 +14,13 @@
 
 namespace malus::app {
 
+/// The pairs of all lists, looked at before any work is done: throws InputError, naming list or
+/// frame, where a list cannot be read or holds none, where a frame is missing, no mosaic or
+/// denoised, where the two of a pair differ in size or layout, and with a model where they are of
+/// another sensor's layout or at gains that it does not know.
+std::vector<RecordedPair> open_pairs(const std::vector<std::filesystem::path>& lists,
+                                     const NoiseModel* model);
+
 /// Those at a gain; throws InputError, naming the list, where there are none.
 std::vector<RecordedPair> captures_at(const std::vector<RecordedPair>& captures,
                                       const GainSetting& gain, const std::filesystem::path& list);
@@ -31,6 +38,17 @@ std::vector<RecordedPair> take_pictures(const NoiseModel& camera,
                                         const std::vector<std::filesystem::path>& pictures,
                                         const CameraShot& shot, const std::filesystem::path& folder,
                                         std::uint64_t seed, Progress& progress);
+
+/// The short frame as the camera wrote it, at the list's gain; with a model as frames that are
+/// denoised are read: levels that the file does not tell are the model's. Throws InputError, also
+/// where the file tells another gain than the list.
+RawFrame load_short(const RecordedPair& capture, const NoiseModel* model);
+/// The reference as its file holds it: DN above black, at its own light. Throws InputError, also
+/// where it is not of the short frame's size and layout.
+RawFrame load_reference(const RecordedPair& capture, const RawFrame& noisy);
+/// light_of_reference (malus/synthesize/pairs.h) of its pixels; without a model it keeps its bias.
+Image light_of(const RecordedPair& capture, Image reference_dn, const NoiseModel* model,
+               double ratio);
 
 /// A capture's frames.
 struct LoadedCapture {

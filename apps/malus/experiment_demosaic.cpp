@@ -70,7 +70,7 @@ fs::path complete_model(const Model& door, const DemosaicSetup& setup, const fs:
 std::vector<RecordedPair> test_captures(const DemosaicExperimentArguments& arguments,
                                         const DemosaicSetup& setup, const Model& door,
                                         std::uint64_t seed, Progress& progress) {
-  if (!arguments.pairs.empty()) return load_pair_list(arguments.pairs);
+  if (!arguments.pairs.empty()) return open_pairs({arguments.pairs}, &door.description());
   const NoiseModel camera = load_model(setup.camera);
   std::vector<RecordedPair> captures;
   for (std::size_t i = 0; i < setup.cases.size(); ++i) {
@@ -166,8 +166,6 @@ void run_demosaic_experiment(const DemosaicExperimentArguments& arguments, const
   const auto progress = make_progress(common);
   const std::vector<RecordedPair> captures =
       test_captures(arguments, setup, door, common.seed, *progress);
-  if (captures.empty() && !arguments.pairs.empty())
-    throw InputError(arguments.pairs.string(), "holds no pairs", "make some with malus pairs");
   if (captures.empty())
     throw InputError(arguments.rows.string(), "names no cases", "e.g. cases = [\"1600:1\"]");
   const fs::path model = complete_model(door, setup, arguments.folder);
