@@ -4,18 +4,38 @@
 
 #include "experiments.h"
 #include "program.h"
+#include <fmt/format.h>
 
 namespace malus::app {
 
-std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesystem::path& path) {
+namespace {
+
+// Read at last: what else is wrong with the row is said first.
+bool is_trained_on_pairs(const ConfigSection& section, const TableRow& row) {
+  if (!section.has("trained_on")) return false;
+  if (const std::string data = section.text("trained_on").value_or(""); data != "pairs")
+    section.fail("trained_on", fmt::format("= \"{}\" is not known", data),
+                 "write trained_on = \"pairs\", or leave it out: the configuration names its data");
+  if (row.config.empty())
+    section.fail("trained_on", "is for trainings, and the row is a method", "leave it out");
+  return true;
+}
+
+}  // namespace
+
+std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesystem::path& path,
+                                 bool takes_pairs) {
   std::vector<TableRow> rows;
+  std::vector<std::string> known{"name", "method", "config"};
+  if (takes_pairs) known.push_back("trained_on");
   for (const ConfigSection& section : root.sections("rows")) {
-    section.require_known({"name", "method", "config"});
+    section.require_known(known);
     TableRow row{section.text("name").value_or(""), section.text("method").value_or(""),
                  section.text("config").value_or("")};
     if (row.name.empty()) section.fail("name", "is missing", "say what the row shows");
     if (row.method.empty() == row.config.empty())
       section.fail("config", "or method is missing, or both are there", "give one of them");
+    row.trained_on_pairs = is_trained_on_pairs(section, row);
     if (!row.config.empty()) row.config = path.parent_path() / row.config;
     rows.push_back(std::move(row));
   }

@@ -1,8 +1,6 @@
-// malus experiment denoise: clean scenes, a camera's noise, every denoising method,
-// and how near each comes: the shape of 000 Table 1.
+// malus experiment denoise: clean scenes with a camera's noise or captured frames, every denoising
+// method, and how near each comes: the shape of 000 Table 1.
 #include "malus/denoise/denoiser.h"
-#include "malus/denoise/estimate_noise.h"
-#include "malus/noise/model.h"
 
 #include <memory>
 #include <optional>
@@ -13,6 +11,7 @@
 #include "output_check.h"
 #include "report_pages.h"
 #include "scene_scores.h"
+#include "test_frames.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -21,14 +20,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-constexpr std::string_view kEstimateRemedy = "take a larger crop, or leave --estimate-noise out";
-
 struct DenoiseExperimentArguments {
-  SceneRuns runs;
+  TestFrames frames;
   fs::path report;
   std::vector<std::string> methods;
   std::optional<double> row_noise;
-  bool estimate_noise = false;
 };
 
 struct ScoredMethod {
@@ -55,7 +51,8 @@ std::unique_ptr<DenoiserByRatio> denoiser_of(const std::string& name) {
 }
 
 void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const Common& common) {
-  std::vector<fs::path> read = arguments.runs.files_named();
+  arguments.frames.check_usage();
+  std::vector<fs::path> read = arguments.frames.files_named();
   read.insert(read.end(), arguments.methods.begin(), arguments.methods.end());
   check_report_apart(arguments.report, read, {}, common.force);
   std::vector<std::string> methods = arguments.methods;
@@ -67,26 +64,19 @@ void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const C
     scores.push_back({.name = name});
     denoisers.push_back(denoiser_of(name));
   }
-  NoiseModel model = arguments.runs.load_camera();
-  if (arguments.row_noise) model = with_row_noise(model, *arguments.row_noise);
+  OpenTestFrames frames(arguments.frames, arguments.row_noise);
   const auto progress = make_progress(common);
-  arguments.runs.for_each(
-      model, common.seed, *progress, [&](NoisyScene& noisy, const std::string& light) {
-        if (arguments.estimate_noise)
-          noisy.profile = require_estimate(noisy.frame, kEstimateRemedy).profile;
-        for (std::size_t m = 0; m < scores.size(); ++m)
-          add_to_score(scores[m], noisy, light, denoisers[m].get());
-      });
-  const Json json{{"model", arguments.runs.model},
-                  {"cases", arguments.runs.cases},
-                  {"crop", arguments.runs.crop},
-                  {"row_noise", arguments.row_noise ? Json(*arguments.row_noise) : Json()},
-                  {"estimate_noise", arguments.estimate_noise},
-                  {"methods", score_json(scores)}};
+  frames.for_each(common.seed, *progress, [&](NoisyScene& noisy, const ScoredLight& light) {
+    for (std::size_t m = 0; m < scores.size(); ++m)
+      add_to_score(scores[m], noisy, light, denoisers[m].get());
+  });
+  Json json = frames.facts();
+  json.update({{"row_noise", arguments.row_noise ? Json(*arguments.row_noise) : Json()},
+               {"estimate_noise", arguments.frames.estimate_noise},
+               {"methods", score_json(scores)}});
   if (!arguments.report.empty())
-    write_record_report(
-        score_record("Experiment: denoising methods", arguments.runs, model, scores),
-        arguments.report, common.force);
+    write_record_report(frames.record("Experiment: denoising methods", scores), arguments.report,
+                        common.force);
   print_result(common, json, score_text(scores));
 }
 
@@ -94,11 +84,12 @@ void run_denoise_experiment(const DenoiseExperimentArguments& arguments, const C
 
 void add_denoise_experiment(CLI::App& experiment, Common& common) {
   const auto arguments = std::make_shared<DenoiseExperimentArguments>();
-  CLI::App* command = add_command(
-      experiment, common, "denoise", "Denoising methods on clean scenes with a camera's noise",
-      {.seed = true, .force = true},
-      [arguments, &common] { run_denoise_experiment(*arguments, common); });
-  arguments->runs.add_options(*command);
+  CLI::App* command =
+      add_command(experiment, common, "denoise",
+                  "Denoising methods on clean scenes with a camera's noise, or on captured frames",
+                  {.seed = true, .force = true},
+                  [arguments, &common] { run_denoise_experiment(*arguments, common); });
+  arguments->frames.add_options(*command);
   command
       ->add_option(
           "--methods", arguments->methods,
@@ -108,8 +99,9 @@ void add_denoise_experiment(CLI::App& experiment, Common& common) {
   command
       ->add_option("--row-noise", arguments->row_noise,
                    "row noise in place of the model's [deviations of its read noise]")
+      ->excludes(command->get_option("--test-pairs"))
       ->check(in_range(0.0, 100.0));
-  command->add_flag("--estimate-noise", arguments->estimate_noise,
+  command->add_flag("--estimate-noise", arguments->frames.estimate_noise,
                     "methods do not know the model: the noise is estimated from every frame");
   command->add_option("--report", arguments->report, "also a report page (HTML)");
 }

@@ -116,9 +116,9 @@ void run_uncertainty_experiment(const UncertaintyExperimentArguments& arguments,
   const auto progress = make_progress(common);
   std::vector<CheckedScene> rows;
   arguments.runs.for_each(model, common.seed, *progress,
-                          [&](const NoisyScene& noisy, const std::string& light) {
+                          [&](const NoisyScene& noisy, const ScoredLight& light) {
                             for (std::size_t m = 0; m < denoisers.size(); ++m)
-                              rows.push_back({noisy.clean->name, light, arguments.methods[m],
+                              rows.push_back({noisy.clean->name, light.name, arguments.methods[m],
                                               check_scene(noisy, denoisers[m]->at(noisy.ratio))});
                           });
   print_result(common,
@@ -139,6 +139,7 @@ void add_uncertainty_experiment(CLI::App& experiment, Common& common) {
       "stated, and how often two deviations hold the truth",
       {.seed = true}, [arguments, &common] { run_uncertainty_experiment(*arguments, common); });
   arguments->runs.add_options(*command);
+  command->get_option("SCENE")->required();
   command->add_option("--methods", arguments->methods, "methods that state their errors")
       ->check(accepted_by(require_method))
       ->capture_default_str();

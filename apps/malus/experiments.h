@@ -16,9 +16,12 @@ namespace malus::app {
 struct TableRow {
   std::string name, method;
   std::filesystem::path config;
+  bool trained_on_pairs = false;  ///< on captured pairs, in place of the configuration's data
 };
-/// [[rows]] of an experiment's file: configurations lie beside it. Throws InputError.
-std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesystem::path& path);
+/// [[rows]] of an experiment's file: configurations lie beside it. takes_pairs: whether rows may
+/// say trained_on = "pairs". Throws InputError.
+std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesystem::path& path,
+                                 bool takes_pairs = false);
 
 /// Throws InputError where a row's training (as below) could not begin. Asked of all rows before
 /// the first is trained.

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
 #include "malus/base/text.h"
+#include "malus/denoise/noise_check.h"
 #include "malus/evaluate/evaluation.h"
 #include "malus/io/angle_pictures.h"
 #include "malus/noise/raw_variance.h"
@@ -37,11 +38,6 @@ std::vector<Planes> scene_light(const fs::path& path) {
   return angles;
 }
 
-// Of "scenes/holiday/", too.
-std::string name_of_scene(const fs::path& path) {
-  return (path.has_filename() ? path : path.parent_path()).filename().string();
-}
-
 // Of these commands none extrapolates a model, as what the model advises may do.
 NoiseProfile profile_at(const NoiseModel& model, const GainSetting& gain, const LightCase& light) {
   try {
@@ -52,9 +48,9 @@ NoiseProfile profile_at(const NoiseModel& model, const GainSetting& gain, const 
   }
 }
 
-SceneSums& sums_of_case(SceneScore& score, const std::string& light) {
-  const auto found =
-      std::ranges::find(score.by_case, light, &decltype(score.by_case)::value_type::first);
+SceneSums& sums_of_case(SceneScore& score, const ScoredLight& light) {
+  const auto found = std::ranges::find_if(
+      score.by_case, [&](const auto& known) { return known.first.name == light.name; });
   return found != score.by_case.end() ? found->second
                                       : score.by_case.emplace_back(light, SceneSums{}).second;
 }
@@ -129,8 +125,8 @@ NamedSums all_sums(const std::vector<SceneScore>& scores) {
 }
 
 // Every case with all rows' sums of it, where there are several.
-std::vector<std::pair<std::string, NamedSums>> sums_by_case(const std::vector<SceneScore>& scores) {
-  std::vector<std::pair<std::string, NamedSums>> cases;
+std::vector<std::pair<ScoredLight, NamedSums>> sums_by_case(const std::vector<SceneScore>& scores) {
+  std::vector<std::pair<ScoredLight, NamedSums>> cases;
   if (scores.empty() || scores.front().by_case.size() < 2) return cases;
   for (std::size_t i = 0; i < scores.front().by_case.size(); ++i) {
     cases.emplace_back(scores.front().by_case[i].first, NamedSums{});
@@ -150,6 +146,10 @@ Json sums_table(const std::string& title, const std::string& note, const NamedSu
 
 }  // namespace
 
+std::string name_of_scene(const fs::path& path) {
+  return (path.has_filename() ? path : path.parent_path()).filename().string();
+}
+
 CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
   CleanScene scene = clean_scene(path.string(), scene_light(path), model, crop);
   scene.name = name_of_scene(path);
@@ -158,18 +158,16 @@ CleanScene load_scene(const fs::path& path, const NoiseModel& model, int crop) {
 
 void SceneRuns::add_options(CLI::App& command, const std::string& scenes_name,
                             const std::string& scenes_note) {
-  command
-      .add_option(scenes_name, scenes,
-                  "folders with I0.png, I45.png, I90.png, I135.png; for a camera without "
-                  "polarizers also pictures" +
-                      scenes_note)
-      ->required();
+  command.add_option(scenes_name, scenes,
+                     "folders with I0.png, I45.png, I90.png, I135.png; for a camera without "
+                     "polarizers also pictures" +
+                         scenes_note);
   command.add_option("--model", model, "noise model, a file or a built-in name")
       ->capture_default_str();
   command.add_option("--cases", cases, "gain [dB, or ISO] : low-light ratio")
       ->check(accepted_by([](const std::string& text) { light_case_of(text); }))
       ->capture_default_str();
-  command.add_option("--crop", crop, "middle part of the scenes [pixels]")
+  command.add_option("--crop", crop, "middle part of what is scored [pixels]")
       ->check(in_range(16, 100000))
       ->capture_default_str();
 }
@@ -183,22 +181,30 @@ std::vector<fs::path> SceneRuns::files_named() const {
 NoiseModel SceneRuns::load_camera() const {
   NoiseModel camera = load_model(model);
   std::vector<GainSetting> gains;
-  for (const std::string& light : cases)
-    gains.push_back(camera.setting_of(light_case_of(light).gain));
+  for (const ScoredLight& light : lights(camera)) gains.push_back(light.gain);
   warn_of_untold_gain(camera, model, gains);
   return camera;
 }
 
-void SceneRuns::for_each(
-    const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,
-    const std::function<void(NoisyScene& noisy, const std::string& light)>& run) const {
+std::vector<ScoredLight> SceneRuns::lights(const NoiseModel& camera) const {
+  std::vector<ScoredLight> list;
+  for (const std::string& text : cases) {
+    const LightCase light = light_case_of(text);
+    list.push_back({text, camera.setting_of(light.gain), light.ratio});
+  }
+  return list;
+}
+
+void SceneRuns::for_each(const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,
+                         const SceneRun& run) const {
+  const std::vector<ScoredLight> all_lights = lights(drawn_by);
   const auto camera = std::make_shared<const NoiseModel>(drawn_by);
   progress.begin("experiment", std::ssize(scenes) * std::ssize(cases));
   for (const fs::path& path : scenes) {
     const CleanScene scene = load_scene(path, drawn_by, crop);
-    for (const std::string& light : cases) {
+    for (const ScoredLight& light : all_lights) {
       check_stop(progress);
-      NoisyScene noisy = make_noisy(scene, light_case_of(light), camera, seed++);
+      NoisyScene noisy = make_noisy(scene, light_case_of(light.name), camera, seed++);
       run(noisy, light);
       progress.advance(1);
     }
@@ -248,15 +254,19 @@ NoisyScene make_noisy(const CleanScene& scene, const LightCase& light,
           white_above_black(model.white_dn, model.black_dn)};
 }
 
-void add_to_score(SceneScore& score, const NoisyScene& scene, const std::string& light,
+void add_to_score(SceneScore& score, const NoisyScene& scene, const ScoredLight& light,
                   DenoiserByRatio* denoiser) {
   Image test_dn;
   double seconds = 0;
   if (denoiser) {
     const FrameDenoiser& opened = denoiser->at(scene.ratio);
     const Stopwatch stopwatch;
-    test_dn = opened(scene.frame, scene.profile, silent_progress()).dn_above_black;
+    Denoised result = opened(scene.frame, scene.profile, silent_progress());
     seconds = stopwatch.seconds();
+    if (!scene.drawn && result.noise)
+      if (const std::string line = noise_complaint(*result.noise); !line.empty())
+        warn_of(scene.frame.source, line);
+    test_dn = std::move(result.dn_above_black);
   } else {
     test_dn = above_black(scene.frame);
     subtract_bias(test_dn, scene.profile);
@@ -275,7 +285,7 @@ Json score_json(const std::vector<SceneScore>& scores) {
     row.update(means_json(score.sums));
     row["by_case"] = Json::array();
     for (const auto& [light, sums] : score.by_case) {
-      Json one{{"case", light}};
+      Json one{{"case", light.name}};
       one.update(means_json(sums));
       row["by_case"].push_back(std::move(one));
     }
@@ -288,45 +298,39 @@ std::string score_text(const std::vector<SceneScore>& scores) {
   return table_text(all_sums(scores));
 }
 
-std::string score_text_by_case(const std::vector<SceneScore>& scores, const NoiseModel& model) {
+std::string score_text_by_case(const std::vector<SceneScore>& scores) {
   std::string text = score_text(scores);
   for (const auto& [light, rows] : sums_by_case(scores))
-    text += fmt::format("\n{}:\n\n{}", cases_text({light}, model), table_text(rows));
+    text += fmt::format("\n{}:\n\n{}", cases_text({light}), table_text(rows));
   return text;
 }
 
-std::string cases_text(const std::vector<std::string>& cases, const NoiseModel& model) {
+std::string cases_text(const std::vector<ScoredLight>& lights) {
   std::vector<std::pair<std::string, std::vector<std::string>>> lights_of_gain;
-  for (const std::string& text : cases) {
-    const LightCase light = light_case_of(text);
-    const std::string gain = model.setting_of(light.gain).text();
+  for (const ScoredLight& light : lights) {
+    const std::string gain = light.gain.text();
     if (lights_of_gain.empty() || lights_of_gain.back().first != gain)
       lights_of_gain.push_back({gain, {}});
     lights_of_gain.back().second.push_back(light.ratio == 1 ? "all"
                                                             : fmt::format("1/{:g}", light.ratio));
   }
   std::string words;
-  for (const auto& [gain, lights] : lights_of_gain) {
+  for (const auto& [gain, shares] : lights_of_gain) {
     std::string list;
-    for (std::size_t i = 0; i < lights.size(); ++i)
-      list += (i == 0 ? "" : i + 1 == lights.size() ? " and " : ", ") + lights[i];
+    for (std::size_t i = 0; i < shares.size(); ++i)
+      list += (i == 0 ? "" : i + 1 == shares.size() ? " and " : ", ") + shares[i];
     words += fmt::format("{}{} at {} of the light", words.empty() ? "" : "; ", gain, list);
   }
   return words;
 }
 
-Json score_record(const std::string& title, const SceneRuns& runs, const NoiseModel& model,
+Json score_record(const std::string& title, const std::string& of, const std::string& note,
                   const std::vector<SceneScore>& scores) {
-  std::vector<std::string> scenes;
-  for (const fs::path& scene : runs.scenes) scenes.push_back(name_of_scene(scene));
-  Json tables = Json::array({sums_table(
-      "Means over scenes and cases",
-      fmt::format("Scenes: {}, of each at most the middle {} x {} pixels. {}; noise of {}.",
-                  joined(scenes), runs.crop, runs.crop, cases_text(runs.cases, model), runs.model),
-      all_sums(scores))});
+  Json tables =
+      Json::array({sums_table(fmt::format("Means over {} and cases", of), note, all_sums(scores))});
   for (const auto& [light, rows] : sums_by_case(scores))
     tables.push_back(
-        sums_table(fmt::format("Means over scenes, {}", cases_text({light}, model)), "", rows));
+        sums_table(fmt::format("Means over {}, {}", of, cases_text({light})), "", rows));
   return {{"title", title}, {"tables", std::move(tables)}};
 }
 

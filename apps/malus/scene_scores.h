@@ -33,22 +33,36 @@ struct SceneSums {
   int count = 0;
 };
 
-/// Of all scenes and cases, and of each case's scenes.
+/// The light that a frame was taken in.
+struct ScoredLight {
+  std::string name;  ///< "12:10": gain in its unit and low-light ratio, as --cases has them
+  GainSetting gain;
+  double ratio = 1;
+};
+
+/// Of all frames, and of those of each light, which its name tells apart; in the order of the runs.
 struct SceneScore {
   std::string name;
   SceneSums sums = {};
-  std::vector<std::pair<std::string, SceneSums>> by_case = {};  ///< of light_case_of; as drawn
+  std::vector<std::pair<ScoredLight, SceneSums>> by_case = {};
 };
 
-/// One noisy frame of a scene. The same seed gives the same frame.
+/// One noisy frame of a scene.
 struct NoisyScene {
   RawFrame frame;
   NoiseProfile profile;
+  /// Its pixels that are no numbers are not known, and no score counts them; one at least is known.
   const CleanScene* clean = nullptr;
-  double ratio = 1, range_dn = 0;
+  double ratio = 1;     ///< light of the clean scene over that of the frame
+  double range_dn = 0;  ///< white above black, in the light of the clean scene
+  bool drawn = true;    ///< its noise is of the profile's model; else it is a camera's own
 };
+/// The same seed gives the same frame.
 NoisyScene make_noisy(const CleanScene& scene, const LightCase& light,
                       const std::shared_ptr<const NoiseModel>& camera, std::uint64_t seed);
+
+/// What is done with each frame.
+using SceneRun = std::function<void(NoisyScene& noisy, const ScoredLight& light)>;
 
 /// What an experiment on clean scenes goes through.
 struct SceneRuns {
@@ -59,20 +73,24 @@ struct SceneRuns {
 
   /// Scenes and model, as they were named.
   std::vector<std::filesystem::path> files_named() const;
-  /// The scenes under the name that is given, --model, --cases, --crop.
+  /// The scenes under the name that is given (may be left out, as far as this asks), --model,
+  /// --cases, --crop.
   void add_options(CLI::App& command, const std::string& scenes_name = "SCENE",
                    const std::string& scenes_note = "");
   /// The model; says on stderr what gains it is taken for if it does not tell its own. Throws
   /// InputError.
   NoiseModel load_camera() const;
+  /// The cases, with gains in the model's unit.
+  std::vector<ScoredLight> lights(const NoiseModel& model) const;
   /// Every case of every scene in turn, as the model draws it; seeds count up from the first.
   /// Throws InputError, Cancelled.
   void for_each(const NoiseModel& drawn_by, std::uint64_t seed, Progress& progress,
-                const std::function<void(NoisyScene& noisy, const std::string& light)>& run) const;
+                const SceneRun& run) const;
 };
 
-/// Adds what is left of the frame's noise: of the frame itself without a denoiser. light: its case.
-void add_to_score(SceneScore& score, const NoisyScene& scene, const std::string& light,
+/// Adds what is left of the frame's noise: of the frame itself without a denoiser. Says on stderr
+/// where a camera's own noise is not that of the profile.
+void add_to_score(SceneScore& score, const NoisyScene& scene, const ScoredLight& light,
                   DenoiserByRatio* denoiser);
 
 /// Means as JSON, as a table for people, and as a record that a report shows (docs/report.md): over
@@ -80,12 +98,16 @@ void add_to_score(SceneScore& score, const NoisyScene& scene, const std::string&
 nlohmann::ordered_json score_json(const std::vector<SceneScore>& scores);
 std::string score_text(const std::vector<SceneScore>& scores);
 /// The same, and where there are several cases a table of each.
-std::string score_text_by_case(const std::vector<SceneScore>& scores, const NoiseModel& model);
-nlohmann::ordered_json score_record(const std::string& title, const SceneRuns& runs,
-                                    const NoiseModel& model, const std::vector<SceneScore>& scores);
+std::string score_text_by_case(const std::vector<SceneScore>& scores);
+/// of: what the means are over, "scenes" or "frames"; note: what they are.
+nlohmann::ordered_json score_record(const std::string& title, const std::string& of,
+                                    const std::string& note, const std::vector<SceneScore>& scores);
 
-/// "12 dB at 1/10 and 1/60 of the light; 24 dB at 1/10 of the light" of light_case_of's texts.
-std::string cases_text(const std::vector<std::string>& cases, const NoiseModel& model);
+/// "12 dB at 1/10 and 1/60 of the light; 24 dB at 1/10 of the light".
+std::string cases_text(const std::vector<ScoredLight>& lights);
+
+/// The last part of a path, of "scenes/holiday/", too.
+std::string name_of_scene(const std::filesystem::path& path);
 
 /// "bm3d", "bm3d/fast", "bm3d/normal/no-row-noise", "folder/weights.safetensors". Throws InputError
 /// on words that are none; the file is not looked for.

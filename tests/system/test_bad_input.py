@@ -347,6 +347,7 @@ def test_reports_of_experiments_and_trainings_replace_nothing_that_is_read(refus
     config = write(tmp_path / "config.toml", '[network]\narchitecture = "unet"\n[package]\nlayout = "bayer-rggb"\n[data]\n'
                                              'pictures = ["pho*.png"]\npairs = ["pairs.json"]\n[noise]\nmodels = ["sony-a7s2"]\n')
     rows = write(tmp_path / "rows.toml", '[[rows]]\nname = "a"\nconfig = "config.toml"\n')
+    empty = write(tmp_path / "empty.toml", '[[rows]]\nname = "a"\nmethod = "bm3d"\n')
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     behind = ["config.toml", "photo.png", "pairs.json", "short.png", "long.png"]
     out = ["-o", tmp_path / "out"]
@@ -354,6 +355,9 @@ def test_reports_of_experiments_and_trainings_replace_nothing_that_is_read(refus
              ["scene/I45.png", "weights.safetensors"]),
             (["denoise", tmp_path / "photo.png", "--model", "sony-a7s2"], ["photo.png", "scene/../photo.png"]),
             (["table1", rows, "--scenes", tmp_path / "scene", *out], ["rows.toml", "scene/I0.png", *behind]),
+            (["denoise", "--test-pairs", tmp_path / "pairs.json", "--model", "sony-a7s2"], ["pairs.json", "short.png", "long.png"]),
+            (["table2", empty, "--model", "sony-a7s2", "--pairs", tmp_path / "pairs.json", "--test-pairs", tmp_path / "pairs.json", *out],
+             ["empty.toml", "pairs.json", "short.png", "long.png"]),
             (["denoise-demosaic", rows, "--pictures", tmp_path / "scene/I90.png", *out], ["rows.toml", "scene/I90.png", *behind]),
             (["table-s1", rows, "--pairs", tmp_path / "pairs.json", "--test-pairs", tmp_path / "pairs.json", *out],
              ["rows.toml", *behind])]

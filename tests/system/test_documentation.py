@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conftest import ROOT, needs_networks
+from conftest import PROGRAM, ROOT, needs_networks
 from test_camera_files import write_dng
 
 
@@ -91,3 +91,24 @@ def test_first_training_runs(malus, tmp_path):
     malus("dataset", tmp_path / "pairs.toml", "-o", tmp_path / "shards")
     malus("train", tmp_path / "network.toml", "-o", tmp_path / "run")
     assert (tmp_path / "run/weights.safetensors").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@needs_networks
+def test_experiment_on_captured_frames_runs(malus, tmp_path):
+    """The example as it stands, with small pictures and trainings of one step."""
+    block, = re.findall(r"```bash\n(camera=.*?)```", (ROOT / "docs/experiments.md").read_text(), re.DOTALL)
+    rng = np.random.default_rng(1)
+    for folder in ("pictures", "others"):
+        (tmp_path / folder).mkdir()
+        Image.fromarray(rng.integers(30, 220, (160, 160, 3), dtype=np.uint8)).save(tmp_path / folder / f"{folder}.png")
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    small = " ".join(f"--set {setting}" for setting in ("train.steps=1", "network.width=2", "data.example=64", "data.patch=64", "data.pool=1"))
+    assert "-o out --report" in block
+    script = f'malus() {{ "{PROGRAM}" "$@"; }}\nset -e\n' + block.replace("-o out --report", f"{small} -o out --report")
+    done = subprocess.run(["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "12 dB at 1/9.98 of the light" in done.stdout and "12 dB at 1/60 of the light" in done.stdout
+    assert done.stdout.count("| (b) paired |") == 3 and (tmp_path / "table2.html").exists()
+    light = re.findall(r"scene001_0\d: ratio ([\d.]+), 3 candidates, light ([+-][\d.]+) %", done.stdout)
+    assert len(light) == 4 and all(abs(float(off)) < 3 for _, off in light), light
