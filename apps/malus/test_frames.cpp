@@ -10,7 +10,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <limits>
 #include <set>
 #include <system_error>
@@ -31,7 +30,7 @@ namespace fs = std::filesystem;
 constexpr std::string_view kEstimateRemedy = "take a larger crop, or leave --estimate-noise out";
 
 // Exposures that files round, and gains as they were measured, make ratios that differ a little.
-double round_ratio(double ratio) { return std::strtod(fmt::format("{:.3g}", ratio).c_str(), {}); }
+double round_ratio(double ratio) { return *decimal_number(fmt::format("{:.3g}", ratio)); }
 
 ScoredLight light_of_pair(const RecordedPair& pair) {
   const GainSetting& gain = pair.gain;
