@@ -93,6 +93,11 @@ void check_frames(const RecordedPair& pair, const NoiseModel* model) {
   FrameInfo noisy = probe_frame(pair.noisy);
   const FrameInfo reference = probe_frame(pair.reference);
   require_raw(pair.noisy.string(), noisy.holds, "name the short frame as the camera wrote it");
+  if (model && noisy.frame.layout_known && !(noisy.frame.layout == model->layout))
+    throw InputError(pair.noisy.string(),
+                     fmt::format("has the layout {}, the noise model {}", noisy.frame.layout.name(),
+                                 model->layout.name()),
+                     "give the model of this camera");
   if (model) take_layout_of_model(noisy.frame, model->layout);
   require_pair(pair, reference.frame, noisy.frame,
                reference.rows == noisy.rows && reference.cols == noisy.cols);

@@ -46,7 +46,11 @@ ScoredLight light_of_pair(const RecordedPair& pair) {
 NoiseProfile profile_of_capture(const RawFrame& noisy, const NoiseModel& model) {
   FrameProfile made = frame_profile(noisy, model, noisy.gain);
   if (made.left_out.empty()) return std::move(made.profile);
-  warn_of(noisy.source, made.left_out);
+  warn_of(
+      noisy.source,
+      fmt::format("{} x {} pixels are another size than that of the model's sensor: its defects "
+                  "and maps of the fixed pattern are left out; take pairs of whole frames",
+                  noisy.dn.cols(), noisy.dn.rows()));
   made.profile.defects = {};
   made.profile.pattern = nullptr;
   return std::move(made.profile);

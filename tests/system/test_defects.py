@@ -66,6 +66,41 @@ def test_a_crop_of_the_sensor_says_where_it_lies(malus, refused, camera, tmp_pat
     assert "reach beyond the model's sensor of 120 x 96" in refused(*run, "--origin", "20,20")
 
 
+def test_captures_are_scored_without_defects_in_the_middle_too(malus, camera, tmp_path):
+    """What the model knows of pixels lies at the same places of the middle that an experiment scores."""
+    malus("calibrate", camera / "s.toml", "-o", tmp_path / "m.h5")
+    raw = np.array(Image.open(camera / "raw.png"))
+    light = np.full((ROWS, COLS), 2000, np.float32)
+    light[HOT], light[STUCK] = 2300, 3900
+    np.save(tmp_path / "reference.npy", light)
+
+    def scored(short, reference, *flags):
+        Image.fromarray(short).save(tmp_path / "short.png")
+        np.save(tmp_path / "reference.npy", reference)
+        (tmp_path / "pairs.json").write_text('{"pairs": [{"name": "a_00", "short": "short.png", "reference": "reference.npy", '
+                                             '"ratio": 10, "gain_db": 0, "iso": null}]}')
+        return malus("experiment", "denoise", "--test-pairs", tmp_path / "pairs.json", "--model", tmp_path / "m.h5", "--methods",
+                     "bm3d/fast", "--json", *flags)
+
+    top, left, side = 16, 28, 64
+    middle = (slice(top, top + side), slice(left, left + side))
+    known = light.copy()
+    known[HOT] = known[STUCK] = np.nan
+    Image.fromarray(raw[middle]).save(tmp_path / "middle.png")
+    malus("denoise", tmp_path / "middle.png", "--model", tmp_path / "m.h5", "--gain", 0, "--origin", f"{top},{left}", "--method", "bm3d",
+          "--profile", "fast", "--format", "npy", "-o", tmp_path)
+    result = np.load(tmp_path / "middle_denoised.npy").reshape(side, side)
+    squares = ((result * 10 - known[middle]) / (WHITE - BLACK)) ** 2
+    done = scored(raw, light, "--crop", side)
+    assert done.json["methods"][1]["image_psnr_db"] == pytest.approx(-10 * np.log10(np.nanmean(squares)), rel=1e-4)
+    assert done.json["captures"][0]["unknown_share"] == pytest.approx(2 / (ROWS * COLS))
+    assert "left out" not in done.err
+    # Frames of a part of the sensor: the places are not known, and that is said without a flag that is not there.
+    part = scored(raw[:80], light[:80])
+    assert "120 x 80 pixels are another size than that of the model's sensor" in part.err and "--origin" not in part.err
+    assert part.json["captures"][0]["unknown_share"] == 0
+
+
 def test_a_list_of_many_defects_is_doubted(malus, tmp_path):
     hot = [(r, c) for r in range(3, ROWS, 8) for c in range(2, COLS, 7)]
     camera = record(tmp_path, hot)
