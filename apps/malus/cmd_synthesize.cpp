@@ -147,7 +147,7 @@ FrameSource flow_source(const SynthesizeArguments& arguments,
   if (!gain)
     throw InputError("--gain random", "is not offered by a Noise Flow", "give a gain in dB");
   const std::shared_ptr<FlowSampler> flow = networks().open_flow(arguments.model);
-  return {"Noise Flow", SensorLayout::named(flow->sensor().layout), 1,
+  return {kNoiseFlowCamera, SensorLayout::named(flow->sensor().layout), 1,
           [=, &arguments](const Image& clean, const DrawAddress& address) {
             Image signal = clean;
             for (float& value : signal.values())
@@ -167,7 +167,7 @@ FrameSource flow_source(const SynthesizeArguments& arguments,
 // What is written names the layout, which begins with a whole cell.
 FrameSource source_of(const SynthesizeArguments& arguments,
                       const std::optional<GainSetting>& gain) {
-  const bool flow = arguments.model.extension() == ".safetensors";
+  const bool flow = names_noise_flow(arguments.model);
   FrameSource source = flow ? flow_source(arguments, gain) : calibrated_source(arguments, gain);
   require_whole_cells({arguments.origin[0], arguments.origin[1]}, source.layout, source.row_group,
                       arguments.inputs.front().string());

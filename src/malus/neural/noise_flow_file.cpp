@@ -13,12 +13,44 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <mutex>
 
-#include <ATen/Parallel.h>
 #include <fmt/format.h>
 
 namespace malus {
+namespace noise_flow_memory {
+
+// Noise without light, of the network's unit: couplings know neither mean nor variance in closed
+// form.
+struct DarkNoise {
+  torch::Tensor mean;   ///< [1, channel, 1, 1]
+  torch::Tensor share;  ///< its variance, of what the signal-dependent layer has
+};
+
+// What is measured once for every gain, by any thread; others wait for it. Meanwhile its own loops
+// stay on its thread: a loop that waits for its parts may run another draw, which would wait here.
+template <class Value>
+class ByGain {
+ public:
+  template <class Measure>
+  Value at(double gain_db, const Measure& measure) {
+    const std::lock_guard lock(mutex_);
+    if (const auto found = known_.find(gain_db); found != known_.end()) return found->second;
+    const SerialLoops serial;
+    return known_.emplace(gain_db, measure()).first->second;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::map<double, Value> known_;
+};
+
+}  // namespace noise_flow_memory
+
 namespace {
+
+using noise_flow_memory::DarkNoise;
 
 using Json = nlohmann::json;
 
@@ -40,6 +72,13 @@ Image finite_only(View<const float> dn) {
 double spread_of(const Json& json) {
   const double before = json.value("spread_integers", false) ? 1.0 : 0.0;
   return json.value("spread_dn", before);
+}
+
+// Gains of pairs, of which the file tells the ends too.
+bool rise_within(const std::vector<double>& gains_db, double lowest_db, double highest_db) {
+  return std::ranges::is_sorted(gains_db) && std::ranges::all_of(gains_db, [&](double db) {
+           return db >= lowest_db && db <= highest_db;
+         });
 }
 
 torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout, double scale) {
@@ -87,38 +126,39 @@ Image normals_at(int rows, int cols, const DrawAddress& address) {
   return normals;
 }
 
-// Takes excess (of the network's unit) off the noise's variance by drawing the noise towards its
-// mean. Couplings know neither mean nor variance in closed form: both are those of a dark patch,
-// the variance followed over the signal as the signal-dependent layer has it. Where there is light,
-// the excess is small beside it.
-torch::Tensor without_excess(const torch::Tensor& noise, const torch::Tensor& clean,
-                             const torch::Tensor& gain, NoiseFlow& network, double excess) {
+DarkNoise dark_noise(NoiseFlow& network, const torch::Tensor& gain) {
   constexpr int kSide = 64;  // 4096 samples: 2 % of the variance
-  const auto side = std::vector<std::int64_t>{1, noise.size(1), kSide, kSide};
+  const auto side = std::vector<std::int64_t>{1, network.channels(), kSide, kSide};
   auto normals = torch::empty(side);
-  const Image drawn = normals_at(kSide, kSide * static_cast<int>(noise.size(1)), {});
+  const Image drawn = normals_at(kSide, kSide * static_cast<int>(network.channels()), {});
   std::copy(drawn.values().begin(), drawn.values().end(), normals.data_ptr<float>());
   const auto dark = torch::zeros(side);
   const auto patch = network.inverse(normals, dark, gain);
   const auto mean = patch.mean({2, 3}, true);
-  const auto share = (patch - mean).square().mean({2, 3}, true) /
-                     torch::exp(2 * network.log_deviation(dark, gain)).mean({2, 3}, true);
-  const auto variance = share * torch::exp(2 * network.log_deviation(clean, gain));
-  return mean + (noise - mean) * torch::sqrt((1 - excess / variance).clamp_min(0));
+  return {mean, (patch - mean).square().mean({2, 3}, true) /
+                    torch::exp(2 * network.log_deviation(dark, gain)).mean({2, 3}, true)};
 }
 
-// libtorch shares its loops among the threads and rounds at their ends in another way; with one
-// thread the noise is the same, to the last bit, for any number of them.
-class OneNetworkThread {
- public:
-  OneNetworkThread() : threads_(at::get_num_threads()) { use_network_threads(1); }
-  ~OneNetworkThread() { use_network_threads(threads_); }
-  OneNetworkThread(const OneNetworkThread&) = delete;
-  OneNetworkThread& operator=(const OneNetworkThread&) = delete;
+// Takes excess (of the network's unit) off the noise's variance by drawing the noise towards its
+// mean. Both are those without light, the variance followed over the signal as the signal-dependent
+// layer has it. Where there is light, the excess is small beside it.
+torch::Tensor without_excess(const torch::Tensor& noise, const torch::Tensor& clean,
+                             const torch::Tensor& gain, NoiseFlow& network, const DarkNoise& dark,
+                             double excess) {
+  const auto variance = dark.share * torch::exp(2 * network.log_deviation(clean, gain));
+  return dark.mean + (noise - dark.mean) * torch::sqrt((1 - excess / variance).clamp_min(0));
+}
 
- private:
-  int threads_;
-};
+RawFrame frame_of(const NoiseFlowSensor& sensor, Image dn, const GainSetting& gain) {
+  RawFrame frame;
+  frame.dn = std::move(dn);
+  frame.layout = SensorLayout::named(sensor.layout);
+  frame.black_dn = sensor.black_dn;
+  frame.white_dn = sensor.white_dn;
+  frame.gain = gain;
+  frame.black_known = frame.white_known = frame.layout_known = true;
+  return frame;
+}
 
 }  // namespace
 
@@ -126,12 +166,29 @@ struct NoiseFlowModel::State {
   NoiseFlowSensor sensor;
   std::int64_t steps, width;
   std::shared_ptr<NoiseFlow> network;
+  Json training = {};
+  noise_flow_memory::ByGain<noise_flow_memory::DarkNoise> dark = {};
+  noise_flow_memory::ByGain<NoiseProfile> profiles = {};
 };
+
+void NoiseFlowSensor::require_gain(const GainSetting& gain) const {
+  constexpr double kRoundingDb = 0.01;
+  if (!gain.decibel())
+    throw InputError("the gain", "is not known",
+                     "give " + setting("gain") + " or " + setting("iso"));
+  const double db = *gain.decibel();
+  if (db >= lowest_gain_db - kRoundingDb && db <= highest_gain_db + kRoundingDb) return;
+  const auto named = [&](double one) { return GainSetting::at_decibel(one, gains_in_iso).text(); };
+  throw InputError(gain.text(),
+                   fmt::format("the flow was trained from {} to {}", named(lowest_gain_db),
+                               named(highest_gain_db)),
+                   "give a gain inside");
+}
 
 NoiseFlowModel::NoiseFlowModel(NoiseFlowSensor sensor, std::int64_t steps, std::int64_t width) {
   const auto channels = SensorLayout::named(sensor.layout).channels();
-  state_ = std::make_unique<State>(
-      State{std::move(sensor), steps, width, std::make_shared<NoiseFlow>(channels, steps, width)});
+  state_.reset(new State{std::move(sensor), steps, width,
+                         std::make_shared<NoiseFlow>(channels, steps, width)});
 }
 
 NoiseFlowModel::~NoiseFlowModel() = default;
@@ -147,16 +204,22 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
     throw InputError(source, "holds no Noise Flow", kGiveAFlow);
   try {
     const Json json = Json::parse(text->second);
-    NoiseFlowSensor sensor{
-        json.at("layout"),          json.at("black_dn").get<std::vector<double>>(),
-        json.at("white_dn"),        json.at("lowest_gain_db"),
-        json.at("highest_gain_db"), spread_of(json)};
+    NoiseFlowSensor sensor{json.at("layout"),
+                           json.at("black_dn").get<std::vector<double>>(),
+                           json.at("white_dn"),
+                           json.at("lowest_gain_db"),
+                           json.at("highest_gain_db"),
+                           spread_of(json),
+                           json.value("gains_db", std::vector<double>{}),
+                           json.value("gains_in_iso", false)};
     const std::int64_t steps = json.at("steps"), width = json.at("width");
     if (std::ssize(sensor.black_dn) != SensorLayout::named(sensor.layout).channels() || steps < 0 ||
         steps > 64 || width < 1 || width > 1024 || !(sensor.spread_dn >= 0) ||
+        !rise_within(sensor.gains_db, sensor.lowest_gain_db, sensor.highest_gain_db) ||
         !(white_above_black(sensor.white_dn, sensor.black_dn) > 0))
       throw InputError(source, "its description does not fit together", kGiveAFlow);
     *this = NoiseFlowModel(std::move(sensor), steps, width);
+    state_->training = json.value("training", Json());
   } catch (const Json::exception& error) {
     throw InputError(source, fmt::format("its description cannot be read ({})", error.what()),
                      kGiveAFlow);
@@ -166,6 +229,7 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
 
 const NoiseFlowSensor& NoiseFlowModel::sensor() const { return state_->sensor; }
 NoiseFlow& NoiseFlowModel::network() { return *state_->network; }
+const Json& NoiseFlowModel::training() const { return state_->training; }
 
 double NoiseFlowModel::scale_dn() const {
   return white_above_black(state_->sensor.white_dn, state_->sensor.black_dn);
@@ -187,6 +251,8 @@ void NoiseFlowModel::save(const std::filesystem::path& path, const Json& trainin
       {"lowest_gain_db", sensor.lowest_gain_db},
       {"highest_gain_db", sensor.highest_gain_db},
       {"spread_dn", sensor.spread_dn},
+      {"gains_db", sensor.gains_db},
+      {"gains_in_iso", sensor.gains_in_iso},
       {"steps", state_->steps},
       {"width", state_->width},
       {"training", training}}.dump();
@@ -196,24 +262,17 @@ void NoiseFlowModel::save(const std::filesystem::path& path, const Json& trainin
 }
 
 Image NoiseFlowModel::draw(View<const float> clean_dn, const GainSetting& gain,
-                           const DrawAddress& address) {
+                           const DrawAddress& address) const {
   return narrowed(clean_dn, gain, address, rounding_dn2(state_->sensor.spread_dn));
 }
 
 Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& gain,
-                               const DrawAddress& address, double excess_dn2) {
+                               const DrawAddress& address, double excess_dn2) const {
   const torch::NoGradGuard no_gradients;
-  const OneNetworkThread one_thread;
-  const NoiseFlowSensor& known = state_->sensor;
-  if (!gain.decibel())
-    throw InputError("the gain", "is not known",
-                     "give " + setting("gain") + " or " + setting("iso"));
-  const double gain_db = *gain.decibel();
-  if (gain_db < known.lowest_gain_db - 0.01 || gain_db > known.highest_gain_db + 0.01)
-    throw InputError(fmt::format("gain {:.4g} dB", gain_db),
-                     fmt::format("the flow was trained from {:.4g} to {:.4g} dB",
-                                 known.lowest_gain_db, known.highest_gain_db),
-                     "give a gain inside");
+  // libtorch shares its loops among the threads and rounds at their ends in another way; with one
+  // thread the noise is the same, to the last bit, for any number of them.
+  const NetworkThreads one_thread(1);
+  state_->sensor.require_gain(gain);
   const SensorLayout cell = layout();
   const int rows = clean_dn.rows(), cols = clean_dn.cols();
   const auto clean = planes_of(finite_only(clean_dn).view(), cell, scale_dn()),
@@ -221,8 +280,11 @@ Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& ga
   auto noise = state_->network->inverse(
       planes_of(normals_at(rows, cols, address).view(), cell, 1.0), clean, log_gain_factor);
   if (excess_dn2 > 0)
-    noise = without_excess(noise, clean, log_gain_factor, *state_->network,
-                           excess_dn2 / (scale_dn() * scale_dn()));
+    noise = without_excess(
+        noise, clean, log_gain_factor, *state_->network,
+        state_->dark.at(*gain.decibel(),
+                        [&] { return dark_noise(*state_->network, log_gain_factor); }),
+        excess_dn2 / (scale_dn() * scale_dn()));
   Image noisy(rows, cols);
   unpack(planes_of_tensor(noise), cell, noisy);
   for (int r = 0; r < rows; ++r)
@@ -233,17 +295,30 @@ Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& ga
 }
 
 RawFrame NoiseFlowModel::draw_raw(View<const float> clean_dn, const GainSetting& gain,
-                                  const DrawAddress& address) {
-  RawFrame frame;
+                                  const DrawAddress& address) const {
   const NoiseFlowSensor& sensor = state_->sensor;
-  frame.dn = narrowed(clean_dn, gain, address, 2 * rounding_dn2(sensor.spread_dn));
-  frame.layout = layout();
-  frame.black_dn = sensor.black_dn;
-  frame.white_dn = sensor.white_dn;
-  frame.gain = gain;
-  frame.black_known = frame.white_known = frame.layout_known = true;
+  RawFrame frame =
+      frame_of(sensor, narrowed(clean_dn, gain, address, 2 * rounding_dn2(sensor.spread_dn)), gain);
   round_as_camera(frame.dn, frame.layout, {sensor.black_dn, sensor.white_dn, sensor.spread_dn});
+  frame.bits = 16;
   return frame;
+}
+
+RawFrame NoiseFlowModel::draw_as_recorded(View<const float> clean_dn, const GainSetting& gain,
+                                          const DrawAddress& address) const {
+  const NoiseFlowSensor& sensor = state_->sensor;
+  if (sensor.spread_dn > 0) return draw_raw(clean_dn, gain, address);
+  RawFrame frame = frame_of(sensor, draw(clean_dn, gain, address), gain);
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c)
+      frame.dn(r, c) = std::min(frame.dn(r, c) + static_cast<float>(frame.black_at(r, c)),
+                                static_cast<float>(sensor.white_dn));
+  return frame;
+}
+
+NoiseProfile NoiseFlowModel::profile_at(const GainSetting& gain) const {
+  state_->sensor.require_gain(gain);
+  return state_->profiles.at(*gain.decibel(), [&] { return measured_profile(gain); });
 }
 
 }  // namespace malus

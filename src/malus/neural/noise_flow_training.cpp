@@ -11,6 +11,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <set>
 
 #include <ATen/CPUGeneratorImpl.h>
 #include <fmt/format.h>
@@ -38,11 +39,13 @@ double common_step(const std::vector<NoiseFlowPair>& pairs) {
 // What the weight file says of the pairs.
 void describe_pairs(const std::vector<NoiseFlowPair>& pairs, double step_dn,
                     NoiseFlowSensor& sensor) {
-  sensor.lowest_gain_db = sensor.highest_gain_db = *pairs.front().gain.decibel();
-  for (const NoiseFlowPair& pair : pairs) {
-    sensor.lowest_gain_db = std::min(sensor.lowest_gain_db, *pair.gain.decibel());
-    sensor.highest_gain_db = std::max(sensor.highest_gain_db, *pair.gain.decibel());
-  }
+  std::set<double> gains_db;
+  for (const NoiseFlowPair& pair : pairs) gains_db.insert(*pair.gain.decibel());
+  sensor.gains_db.assign(gains_db.begin(), gains_db.end());
+  sensor.lowest_gain_db = sensor.gains_db.front();
+  sensor.highest_gain_db = sensor.gains_db.back();
+  sensor.gains_in_iso = std::ranges::none_of(
+      pairs, [](const NoiseFlowPair& pair) { return pair.gain.gain_db.has_value(); });
   const bool all_integers = std::all_of(pairs.begin(), pairs.end(),
                                         [](const NoiseFlowPair& pair) { return pair.step_dn > 0; });
   sensor.spread_dn = all_integers ? step_dn : 0.0;

@@ -30,6 +30,7 @@ set(neural_SOURCES
   noise_flow.cpp
   noise_flow_config.cpp
   noise_flow_file.cpp
+  noise_flow_profile.cpp
   noise_flow_training.cpp
   optimizer.cpp
   package.cpp

@@ -15,9 +15,11 @@ void use_network_threads(int threads) { at::set_num_threads(threads); }
 
 // at::set_num_threads would also start the threads of another pool anew, under a lock that a
 // process that is forked meanwhile would find taken.
-NetworkThreads::NetworkThreads() : before_(at::get_num_threads()) {
+NetworkThreads::NetworkThreads() : NetworkThreads(thread_count()) {}
+
+NetworkThreads::NetworkThreads([[maybe_unused]] int threads) : before_(at::get_num_threads()) {
 #if defined(_OPENMP)
-  omp_set_num_threads(thread_count());
+  omp_set_num_threads(threads);
 #endif
 }
 
