@@ -155,7 +155,7 @@ void run_train(const TrainArguments& arguments, const Common& common) {
                               .settings = common.settings},
                              *progress);
   if (run.contains("rank")) return;  // worker 0 speaks for all
-  if (begun)
+  if (begun && !run.contains("finished_before"))
     note(common, fmt::format("{}: held no checkpoint, training began at step 0", folder.string()));
   if (!arguments.report.empty())
     write_record_report(record_of(run), arguments.report, common.force, folder);

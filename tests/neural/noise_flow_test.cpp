@@ -282,7 +282,7 @@ struct RecordedFlow {
         << "[network]\narchitecture = \"noise-flow\"\n[sensor]\nlayout = \"bayer-rggb\"\n"
         << "black = " << black << "\nwhite = 4095\n[[pairs]]\nnoisy = " << noisy
         << "\nclean = \"clean.npy\"\ngain_db = 12\n[train]\nsteps = 2\ncouplings = 0\n";
-    return train_noise_flow_config(folder / "flow.toml", {}, 0, silent_progress());
+    return train_noise_flow(load_noise_flow_config(folder / "flow.toml"), 0);
   }
   testing::TemporaryFolder folder;
 };
@@ -314,10 +314,9 @@ TEST(NoiseFlow, WhiteMustBeAboveEveryBlack) {
   std::ofstream(folder / "flow.toml")
       << "[network]\narchitecture = \"noise-flow\"\n[sensor]\nlayout = \"polar-mono\"\n"
       << "black = [64, 64, 64, 2000]\nwhite = 1023\n";
-  EXPECT_NE(problem_of([&] {
-              train_noise_flow_config(folder / "flow.toml", {}, 0, silent_progress());
-            }).find("not above black"),
-            std::string::npos);
+  EXPECT_NE(
+      problem_of([&] { load_noise_flow_config(folder / "flow.toml"); }).find("not above black"),
+      std::string::npos);
 }
 
 }  // namespace

@@ -104,4 +104,10 @@ Json contents_json(const TrainingConfig& config) {
   return json;
 }
 
+std::string contents_of(const std::vector<fs::path>& files) {
+  Hash hash;
+  for (const fs::path& path : files) hash.add_file(path, Extent::kEnds);
+  return hash.text();
+}
+
 }  // namespace malus

@@ -2,16 +2,24 @@
 #include "malus/image/quantization.h"
 #include "malus/io/config_section.h"
 #include "malus/io/frame_file.h"
+#include "malus/io/pair_list.h"
 #include "malus/io/shard.h"
+#include "malus/neural/internal/contents.h"
 #include "malus/neural/noise_flow_training.h"
+#include "malus/noise/model.h"
+#include "malus/noise/raw_variance.h"
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 
 namespace malus {
 namespace {
+
+namespace fs = std::filesystem;
 
 ConfigSection root_of(const std::filesystem::path& config,
                       const std::vector<std::string>& settings) {
@@ -45,64 +53,146 @@ double step_of(const Image& dn) {
   return whole ? 1.0 : 0.0;
 }
 
-std::vector<NoiseFlowPair> read_pairs(const ConfigSection& section, const NoiseFlowSensor& sensor) {
+NoiseFlowSensor sensor_of(const NoiseModel& model) {
+  NoiseFlowSensor sensor;
+  sensor.layout = model.layout.name();
+  sensor.black_dn = model.black_dn;
+  sensor.white_dn = model.white_dn;
+  return sensor;
+}
+
+std::vector<NoiseFlowFiles> read_pairs(const ConfigSection& section) {
   section.require_known({"noisy", "clean", "gain_db", "iso"});
-  FrameOptions options;
-  options.layout = SensorLayout::named(sensor.layout);
-  options.black_dn = sensor.black_dn;
-  options.white_dn = sensor.white_dn;
   const GainSetting gain{section.number("gain_db"), section.number("iso")};
-  const auto folder = std::filesystem::path(section.source()).parent_path();
-  const auto load = [&](const std::filesystem::path& path) { return load_frame(path, options); };
-  const auto above_black = [](RawFrame frame) {
-    // Float files hold DN above black already.
-    if (frame.bits > 0) subtract_black(frame);
-    return std::move(frame.dn);
-  };
+  const auto folder = fs::path(section.source()).parent_path();
   const auto clean_name = section.text("clean");
   if (!clean_name) section.fail("clean", "is missing", "give the clean frame");
-  const Image clean_dn = above_black(load(folder / *clean_name));
-  std::vector<NoiseFlowPair> pairs;
+  std::vector<NoiseFlowFiles> pairs;
   for (const std::string& pattern : section.texts("noisy")) {
     const auto found = files_matching(folder, pattern);
     if (found.empty())
       section.fail("noisy", fmt::format("\"{}\" matches no file", pattern), "check the pattern");
-    for (const auto& path : found) {
-      RawFrame noisy = load(path);
-      const GainSetting of_pair = gain.decibel() ? gain : noisy.gain;
-      const double step_dn = step_of(noisy.dn);  // black need not be whole
-      pairs.push_back({above_black(std::move(noisy)), clean_dn, of_pair, path.string(), step_dn});
-    }
+    for (const auto& path : found) pairs.push_back({path, folder / *clean_name, gain});
   }
   if (pairs.empty()) section.fail("noisy", "names no frame", "give files or patterns");
   return pairs;
 }
 
+std::vector<NoiseFlowFiles> captured_pairs(const std::vector<fs::path>& lists) {
+  std::vector<NoiseFlowFiles> pairs;
+  for (const fs::path& list : lists) {
+    for (const RecordedPair& pair : load_pair_list(list))
+      pairs.push_back({pair.noisy, pair.reference, pair.gain, pair.ratio, pair.bias_at});
+    if (pairs.empty())
+      throw InputError(list.string(), "holds no pairs", "make some with malus pairs");
+  }
+  return pairs;
+}
+
+// DN above black of frames as the sensor took them; float files hold that already.
+class PairFrames {
+ public:
+  explicit PairFrames(const NoiseFlowConfig& config) {
+    options_.layout = SensorLayout::named(config.sensor.layout);
+    options_.black_dn = config.sensor.black_dn;
+    options_.white_dn = config.sensor.white_dn;
+    if (!config.model.empty()) model_ = load_model(config.model);
+  }
+
+  NoiseFlowPair load(const NoiseFlowFiles& files) {
+    RawFrame noisy = load_frame(files.noisy, options_);
+    const GainSetting gain = files.gain.decibel() ? files.gain : noisy.gain;
+    const double step_dn = step_of(noisy.dn);  // black need not be whole
+    return {above_black(std::move(noisy)), clean_of(files), gain, files.noisy.string(), step_dn};
+  }
+
+ private:
+  static Image above_black(RawFrame frame) {
+    if (frame.bits > 0) subtract_black(frame);
+    return std::move(frame.dn);
+  }
+
+  // Several noisy frames in a row may share it.
+  const Image& clean_of(const NoiseFlowFiles& files) {
+    if (files.clean == clean_.clean && files.ratio == clean_.ratio &&
+        files.bias_at == clean_.bias_at && !clean_dn_.empty())
+      return clean_dn_;
+    clean_ = files;
+    clean_dn_ = above_black(load_frame(files.clean, options_));
+    if (files.bias_at && model_) subtract_bias(clean_dn_, model_->profile_at(*files.bias_at));
+    for (float& v : clean_dn_.values())
+      v = static_cast<float>(static_cast<double>(v) / files.ratio);
+    return clean_dn_;
+  }
+
+  FrameOptions options_;
+  std::optional<NoiseModel> model_;
+  NoiseFlowFiles clean_;
+  Image clean_dn_;
+};
+
 }  // namespace
 
-bool is_noise_flow_config(const std::filesystem::path& config,
-                          const std::vector<std::string>& settings) {
+bool is_noise_flow_config(const fs::path& config, const std::vector<std::string>& settings) {
   const auto network = root_of(config, settings).section("network");
   return network && network->text("architecture") == kNoiseFlowArchitecture;
 }
 
-NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config,
-                                     const std::vector<std::string>& settings, std::uint64_t seed,
-                                     Progress& progress) {
-  const ConfigSection root = root_of(config, settings);
+NoiseFlowConfig load_noise_flow_config(const fs::path& path, const TrainingOverrides& overrides) {
+  const ConfigSection root = root_of(path, overrides.settings);
   root.require_known({"network", "sensor", "pairs", "train"});
   root.section("network")->require_known({"architecture"});
-  const auto sensor_section = root.section("sensor");
-  if (!sensor_section) root.fail("sensor", "is missing", "add a [sensor] table");
-  const NoiseFlowSensor sensor = read_sensor(*sensor_section);
-  NoiseFlowSettings training;
-  if (const auto train = root.section("train")) train->read(training);
-  std::vector<NoiseFlowPair> pairs;
+  NoiseFlowConfig config;
+  config.source = path;
+  if (!overrides.models.empty()) {
+    config.model = overrides.models.front();
+    config.sensor = sensor_of(load_model(config.model));
+  } else {
+    const auto section = root.section("sensor");
+    if (!section) root.fail("sensor", "is missing", "add a [sensor] table");
+    config.sensor = read_sensor(*section);
+  }
+  if (const auto train = root.section("train")) train->read(config.settings);
+  if (!overrides.pairs.empty()) {
+    config.pairs = captured_pairs(overrides.pairs);
+    return config;
+  }
   if (!root.has("pairs"))
     root.fail("pairs", "is missing", "add a [[pairs]] table with noisy and clean frames");
   for (const ConfigSection& section : root.sections("pairs"))
-    for (NoiseFlowPair& pair : read_pairs(section, sensor)) pairs.push_back(std::move(pair));
-  return train_noise_flow(sensor, pairs, training, seed, progress);
+    for (NoiseFlowFiles& pair : read_pairs(section)) config.pairs.push_back(std::move(pair));
+  return config;
+}
+
+nlohmann::json config_json(const NoiseFlowConfig& config) {
+  nlohmann::json train, pairs = nlohmann::json::array();
+  NoiseFlowSettings::describe(config.settings, [&](const auto& value, const ParameterInfo& info) {
+    train[info.name] = value;
+  });
+  std::vector<fs::path> files;
+  for (const NoiseFlowFiles& pair : config.pairs) {
+    pairs.push_back({pair.gain.text(), pair.ratio, pair.bias_at ? pair.bias_at->text() : ""});
+    files.insert(files.end(), {pair.noisy, pair.clean});
+  }
+  nlohmann::json contents{{"pairs", contents_of(files)}};
+  // Whose bias the clean frames lose.
+  if (fs::is_regular_file(config.model)) contents["models"] = contents_of({config.model});
+  return {{"network", {{"architecture", kNoiseFlowArchitecture}}},
+          {"sensor",
+           {{"layout", config.sensor.layout},
+            {"black", config.sensor.black_dn},
+            {"white", config.sensor.white_dn}}},
+          {"train", train},
+          {"pairs", pairs},
+          {"contents", contents}};
+}
+
+NoiseFlowFit train_noise_flow(const NoiseFlowConfig& config, std::uint64_t seed,
+                              Progress& progress) {
+  PairFrames frames(config);
+  std::vector<NoiseFlowPair> pairs;
+  for (const NoiseFlowFiles& files : config.pairs) pairs.push_back(frames.load(files));
+  return train_noise_flow(config.sensor, pairs, config.settings, seed, progress);
 }
 
 }  // namespace malus

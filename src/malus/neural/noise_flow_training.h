@@ -5,8 +5,10 @@
 #include "malus/base/parameter.h"
 #include "malus/base/progress.h"
 #include "malus/neural/noise_flow_file.h"
+#include "malus/neural/training_config.h"
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -49,14 +51,51 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
                               const NoiseFlowSettings& settings, std::uint64_t seed,
                               Progress& progress = silent_progress());
 
-/// Whether a training configuration asks for a Noise Flow; and the training that it describes:
-/// [network] architecture = "noise-flow"; [sensor] layout, black, white; [[pairs]] noisy, clean
-/// (files or patterns; several noisy ones may share a clean one), gain_db or iso; [train] settings.
-/// `settings` as in ConfigSection::load.
+/// Whether a training configuration asks for a Noise Flow.
 bool is_noise_flow_config(const std::filesystem::path& config,
                           const std::vector<std::string>& settings);
-NoiseFlowFit train_noise_flow_config(const std::filesystem::path& config,
-                                     const std::vector<std::string>& settings, std::uint64_t seed,
-                                     Progress& progress);
+
+/// A pair as files.
+struct NoiseFlowFiles {
+  std::filesystem::path noisy, clean;
+  GainSetting gain;  ///< unknown: what the noisy file tells
+  double ratio = 1;  ///< light of the clean frame over that of the noisy one
+  /// The clean frame still holds the sensor's bias at this gain.
+  std::optional<GainSetting> bias_at = {};
+};
+
+/// The training that a configuration describes: [network] architecture = "noise-flow"; [sensor]
+/// layout, black, white; [[pairs]] noisy, clean (files or patterns; several noisy ones may share a
+/// clean one), gain_db or iso; [train] settings.
+struct NoiseFlowConfig {
+  std::filesystem::path source;
+  NoiseFlowSensor sensor;
+  NoiseFlowSettings settings;
+  std::vector<NoiseFlowFiles> pairs;
+  std::filesystem::path model;  ///< the calibrated one that overrides name; else empty
+};
+
+/// overrides.pairs: lists of captured pairs (io/pair_list.h) in place of [[pairs]];
+/// overrides.models: one calibrated model in place of [sensor]; settings as in ConfigSection::load.
+/// Throws InputError. No frame is read.
+NoiseFlowConfig load_noise_flow_config(const std::filesystem::path& config,
+                                       const TrainingOverrides& overrides = {});
+
+/// Settings, sensor and what the pairs' files hold: trainings of the same with one seed give the
+/// same flow. Throws InputError where a file cannot be read.
+nlohmann::json config_json(const NoiseFlowConfig& config);
+
+NoiseFlowFit train_noise_flow(const NoiseFlowConfig& config, std::uint64_t seed,
+                              Progress& progress = silent_progress());
+
+struct TrainOptions;
+
+/// `malus train` of a Noise Flow into options.folder, as that of a network (trainer.h), but for
+/// checkpoints, which it keeps none of: with `resume` a finished training is left as it is, and any
+/// other begins anew. Result: the record, "weights" and, of a finished one, "finished_before" in
+/// it. Throws InputError, also where another training writes into the folder, and where a finished
+/// one had other settings or files; Cancelled.
+nlohmann::ordered_json train_noise_flow(const NoiseFlowConfig& config, const TrainOptions& options,
+                                        Progress& progress);
 
 }  // namespace malus

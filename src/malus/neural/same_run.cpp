@@ -17,6 +17,7 @@ struct Part {
 };
 constexpr Part kParts[] = {{"package", "package"},
                            {"network", "network"},
+                           {"sensor", "sensor"},
                            {"data", "data"},
                            {"pictures", "data.pictures"},
                            {"scenes", "data.scenes"},

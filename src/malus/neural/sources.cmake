@@ -31,6 +31,7 @@ set(neural_SOURCES
   noise_flow_config.cpp
   noise_flow_file.cpp
   noise_flow_profile.cpp
+  noise_flow_run.cpp
   noise_flow_training.cpp
   optimizer.cpp
   package.cpp

@@ -4,6 +4,10 @@
 
 #include "malus/neural/training_config.h"
 
+#include <filesystem>
+#include <string>
+#include <vector>
+
 #include <nlohmann/json.hpp>
 
 namespace malus {
@@ -14,5 +18,8 @@ namespace malus {
 /// every file count: noise drawn anew, another exposure or another crop changes them. Paths do not
 /// count, so that folders can be moved. Throws InputError where a file cannot be read.
 nlohmann::json contents_json(const TrainingConfig& config);
+
+/// The hash of such files of data. Throws InputError.
+std::string contents_of(const std::vector<std::filesystem::path>& files);
 
 }  // namespace malus
