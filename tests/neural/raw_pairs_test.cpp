@@ -2,6 +2,7 @@
 #include "malus/neural/internal/raw_pairs.h"
 
 #include "malus/base/statistics.h"
+#include "malus/neural/internal/camera_noise.h"
 
 #include <algorithm>
 #include <cmath>

@@ -17,6 +17,7 @@ enum ParameterStream : std::uint64_t {
   kStreamDarkFrame = 16,
   kStreamDarkPlace = 17,
   kStreamDarkGain = 18,
+  kStreamFlowGain = 19,    ///< one of the gains that a Noise Flow was trained at
   kStreamPair = 32,        ///< of a training pair: the model, a gain of a list, ratio, exposure
   kStreamPairSource = 33,  ///< which kind of source a training pair comes from
   kStreamJitter = 34,      ///< factors that make another sensor out of a model

@@ -11,6 +11,8 @@
 #include "malus/io/pair_list.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/shard_read.h"
+#include "malus/neural/internal/camera_noise.h"
+#include "malus/noise/frame_levels.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/synthesize/dataset.h"
 #include "malus/synthesize/pairs.h"
@@ -28,12 +30,20 @@ namespace {
 using Json = nlohmann::json;
 namespace fs = std::filesystem;
 
-NoiseModel only_model(const TrainingConfig& config) {
+const fs::path& only_model(const TrainingConfig& config) {
   if (config.models.size() != 1)
     throw InputError(config.source.string(),
                      fmt::format("names {} noise models", config.models.size()),
                      "name the one that describes the recorded pairs");
-  return load_camera(config.models.front(), config.package);
+  return config.models.front();
+}
+
+// What drew the samples of shards is described, not drawn again: their own dataset.json holds the
+// settings that it was drawn with.
+std::unique_ptr<const CameraNoise> camera_of_shards(const TrainingConfig& config) {
+  CameraNoiseOptions options;
+  options.settings.extrapolate_gain = config.synthesis.extrapolate_gain;
+  return open_camera(only_model(config), config.package, options);
 }
 
 Json load_json(const fs::path& path) {
@@ -106,8 +116,8 @@ class ExampleWindows {
 class ShardPairs final : public PairSource {
  public:
   explicit ShardPairs(const TrainingConfig& config)
-      : model_(only_model(config)),
-        gains_(gain_range(config.synthesis.extrapolate_gain)),
+      : noise_(camera_of_shards(config)),
+        model_(noise_->camera()),
         windows_(model_, config.data.example) {
     for (const fs::path& path : config.shards) {
       const fs::path file = path.parent_path() / "dataset.json";
@@ -134,7 +144,7 @@ class ShardPairs final : public PairSource {
       const Json facts = Json::parse(shard_content(sample.path, sample.facts));
       pair.ratio = checked_ratio(facts, where);
       removed_bias_dn = facts.at("removed_bias_dn").get<double>();
-      pair.profile = model_.profile_at(gain_from(facts), gains_);
+      pair.profile = noise_->profile_at(gain_from(facts));
     } catch (const Json::exception& error) {
       throw InputError(where, fmt::format("cannot be read ({})", error.what()),
                        "make the shard again with malus dataset");
@@ -177,8 +187,8 @@ class ShardPairs final : public PairSource {
     return out;
   }
 
-  NoiseModel model_;
-  GainRange gains_;
+  std::unique_ptr<const CameraNoise> noise_;
+  const NoiseModel& model_;
   ExampleWindows windows_;
   std::vector<Sample> samples_;
 };
@@ -186,7 +196,7 @@ class ShardPairs final : public PairSource {
 class CapturedPairs final : public PairSource {
  public:
   explicit CapturedPairs(const TrainingConfig& config)
-      : model_(only_model(config)),
+      : model_(load_camera(only_model(config), config.package, "captured pairs")),
         path_(config.models.front()),
         gains_(gain_range(config.synthesis.extrapolate_gain)),
         windows_(model_, config.data.example),

@@ -1,4 +1,5 @@
 set(neural_SOURCES
+  camera_noise.cpp
   checkpoint.cpp
   clean_scenes.cpp
   contents.cpp

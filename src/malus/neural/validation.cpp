@@ -4,11 +4,11 @@
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/middle.h"
 #include "malus/io/picture_file.h"
+#include "malus/neural/internal/camera_noise.h"
 #include "malus/neural/internal/clean_scenes.h"
 #include "malus/neural/named_source.h"
-#include "malus/noise/frame_levels.h"
+#include "malus/neural/noise_flow_file.h"
 #include "malus/polar/demosaick.h"
-#include "malus/synthesize/model.h"
 #include "malus/synthesize/scene.h"
 
 #include <algorithm>
@@ -33,7 +33,7 @@ double summed_db(const nlohmann::ordered_json& score) {
 
 nlohmann::ordered_json sample_entry(const TrainingConfig& config,
                                     const std::filesystem::path& folder) {
-  const NoiseModel camera = load_model(config.models.front());
+  const NoiseModel camera = camera_of(config.models.front());
   nlohmann::ordered_json entry{{"title", "First validation frame"},
                                {"text", "In the clean scene's light."},
                                {"layout", camera.layout.name()},
@@ -48,8 +48,12 @@ nlohmann::ordered_json sample_entry(const TrainingConfig& config,
 Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress)
     : settings_(config.package.settings) {
   if (config.validation_scenes.empty()) return;
-  const Model model(load_model(config.models.front()));
-  const NoiseModel& camera = model.description();
+  const auto noise =
+      open_camera(config.models.front(), config.package,
+                  {.settings = config.synthesis,
+                   .only_flows = std::ranges::all_of(config.models, names_noise_flow)});
+  naming_source(config.source.string(), [&] { noise->require_drawable(); });
+  const NoiseModel& camera = noise->camera();
   const double white = white_above_black(camera.white_dn, camera.black_dn);
   std::uint32_t number = 0;
   progress.begin("validation frames",
@@ -72,29 +76,22 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
     }
     for (const LightCase& shot : config.cases) {
       check_stop(progress);
-      SynthesisSettings synthesis = config.synthesis;
-      synthesis.ratio = shot.ratio;
-      const GainSetting gain = model.gain_setting(shot.gain);
-      NoiseProfile profile = naming_source(config.source.string(), [&] {
-        return camera.profile_at(gain, gain_range(synthesis.extrapolate_gain));
+      CameraNoise::Drawn drawn = naming_source(config.source.string(), [&] {
+        return noise->draw(clean, noise->setting_of(shot.gain), shot.ratio, seed, number++);
       });
-      if (!synthesis.bias) profile.clear_bias();
-      const Synthesizer synthesizer(model.shared_description(), synthesis);
-      RawFrame noisy = synthesizer.draw_raw(
-          clean, gain, synthesizer.somewhere(clean.rows(), clean.cols(), seed, number++),
-          camera.black_dn, camera.white_dn);
+      RawFrame noisy = std::move(drawn.noisy);
       noisy.source = folder.string();
       frames_.push_back(
-          {prepare_network_frame(std::move(noisy), profile, config.package.settings, {}, shot.ratio,
-                                 silent_progress(), {.variance = config.package.corrects_guide()}),
+          {prepare_network_frame(std::move(noisy), drawn.profile, config.package.settings, {},
+                                 shot.ratio, silent_progress(),
+                                 {.variance = config.package.corrects_guide()}),
            clean, rgb, shot.ratio, white});
       progress.advance(1);
     }
   }
   std::vector<GainSetting> gains;
-  for (const LightCase& shot : config.cases) gains.push_back(model.gain_setting(shot.gain));
-  if (const std::string line = untold_gain_complaint(camera, gains); !line.empty())
-    complaints_.push_back(config.models.front().string() + ": " + line);
+  for (const LightCase& shot : config.cases) gains.push_back(noise->setting_of(shot.gain));
+  if (const std::string line = noise->complaint(gains); !line.empty()) complaints_.push_back(line);
   std::vector<Image> noisy, guides;
   for (const Frame& frame : frames_) {
     noisy.push_back(frame.noisy.frame.dn);

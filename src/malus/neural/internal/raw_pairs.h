@@ -5,7 +5,7 @@
 #include "malus/image/raw_frame.h"
 #include "malus/neural/internal/clean_scenes.h"
 #include "malus/neural/training_config.h"
-#include "malus/noise/model.h"
+#include "malus/noise/profile.h"
 
 #include <cstdint>
 #include <memory>
@@ -36,16 +36,5 @@ class PairSource {
 /// Of all that the configuration names; where it names several kinds, each pair is drawn from one
 /// of them, by their numbers of files. Throws InputError.
 std::unique_ptr<PairSource> make_pair_source(const TrainingConfig& config);
-
-/// A noise model for a package's training. Throws InputError as load_model, and where it is of
-/// another layout.
-NoiseModel load_camera(const std::filesystem::path& path, const NetworkPackage& package);
-
-/// A sensor like `model` at a gain: K, Tukey-lambda scale, bias and row noise multiplied by factors
-/// exp(jitter * normal), drawn from (seed, number). Of the physics part alone. Throws InputError as
-/// NoiseModel::parameters_at.
-NoiseModel jittered_sensor(const NoiseModel& model, const GainSetting& gain, double jitter,
-                           std::uint64_t seed, std::uint32_t number,
-                           GainRange range = GainRange::kCalibratedOnly);
 
 }  // namespace malus
