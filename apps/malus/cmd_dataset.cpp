@@ -12,7 +12,6 @@
 #include "malus/io/shard.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/dataset.h"
-#include "malus/synthesize/model.h"
 
 #include <cmath>
 #include <filesystem>
@@ -20,6 +19,7 @@
 #include <memory>
 #include <mutex>
 
+#include "dataset_camera.h"
 #include "dataset_folder.h"
 #include "flags.h"
 #include "frame_input.h"
@@ -134,9 +134,8 @@ class CleanSources {
 
 struct Factory {
   const Plan& plan;
-  const Model model;
+  const std::unique_ptr<DatasetCamera> camera;
   CleanSources sources;
-  std::map<double, Synthesizer> synthesizers;  // by ratio
   std::uint64_t seed;
   std::string set;  ///< named in every sample
   std::mutex coverage_mutex;
@@ -144,25 +143,19 @@ struct Factory {
 
   Factory(const Plan& p, std::uint64_t s)
       : plan(p),
-        model(p.root->naming("model", [&] { return load_model(p.model_path); })),
-        sources(p, model.description()),
+        camera(p.root->naming(
+            "model", [&] { return open_dataset_camera(p.model_path, p.dataset, p.noise); })),
+        sources(p, camera->camera()),
         seed(s) {
-    for (const double ratio : plan.dataset.ratios) {
-      SynthesisSettings settings = plan.noise;
-      settings.ratio = ratio;
-      synthesizers.emplace(ratio, Synthesizer(model.shared_description(), settings));
-    }
+    camera->prepare();
   }
 
   // The files of one sample: clean, noisy, facts.
   std::array<std::pair<std::string, std::string>, 3> make(std::uint32_t number) {
-    const NoiseModel& description = model.description();
+    const NoiseModel& description = camera->camera();
     const SampleRecipe recipe = sample_recipe(plan.dataset, description.layout,
                                               description.row_group, sources.sizes(), seed, number);
-    std::optional<GainSetting> gain;
-    if (recipe.gain) gain = model.gain_setting(*recipe.gain);
-    const TrainingPair pair = make_pair_of(recipe, plan.dataset, *sources.get(recipe.source),
-                                           synthesizers.at(recipe.ratio), gain, seed);
+    const TrainingPair pair = camera->pair(recipe, *sources.get(recipe.source), seed);
     {
       const std::lock_guard lock(coverage_mutex);
       coverage.add(pair.coverage);
@@ -192,7 +185,7 @@ Json dataset_json(const Plan& plan, const Factory& factory) {
     for (auto i = static_cast<std::size_t>(from); i < static_cast<std::size_t>(to); ++i)
       prints[i] = file_fingerprint(plan.cleans[i]);
   });
-  const NoiseModel& description = factory.model.description();
+  const NoiseModel& description = factory.camera->camera();
   Json json{{"model", plan.model},
             {"model_fingerprint",  // none: built in
              fs::exists(plan.model_path) ? Json(file_fingerprint(plan.model_path)) : Json()},
@@ -234,33 +227,18 @@ void write_shard(Factory& factory, const fs::path& path, int shard, bool force,
   tar.commit();
 }
 
-// Those that are listed; where none are, those of dark frames. Other kinds have any calibrated one.
-std::vector<GainSetting> gains_to_try(const Factory& factory) {
-  std::vector<GainSetting> gains;
-  for (const double gain : factory.plan.dataset.gains)
-    gains.push_back(factory.model.gain_setting(gain));
-  if (gains.empty() && synthesis_kind(factory.plan.noise.kind) == SynthesisKind::kDarkFrames)
-    for (const DarkFrameBank& bank : factory.model.description().dark_frames)
-      gains.push_back(bank.gain);
-  return gains;
-}
-
 // Settings that no sample could be made with fail here, not after hours: the patch, and one cell
 // with every gain.
 void try_settings(const Factory& factory) {
   const Plan& plan = factory.plan;
-  const NoiseModel& description = factory.model.description();
+  const NoiseModel& description = factory.camera->camera();
   try {
     require_patch_of_cells(plan.dataset, description.layout, description.row_group);
   } catch (const InputError& error) {
     plan.section->fail("patch", fmt::format("= {} {}", plan.dataset.patch, error.problem()),
                        error.remedy());
   }
-  const Image cell(description.layout.rows(), description.layout.cols());
-  plan.section->naming("gains", [&] {
-    for (const GainSetting& gain : gains_to_try(factory))
-      factory.synthesizers.begin()->second.draw(cell, gain, {});
-  });
+  plan.section->naming("gains", [&] { factory.camera->try_gains(); });
 }
 
 // The factory of a folder that is ready for its shards.
@@ -268,11 +246,7 @@ std::unique_ptr<Factory> open_dataset(const Plan& plan, const fs::path& folder,
                                       const Common& common) {
   auto factory = std::make_unique<Factory>(plan, common.seed);
   try_settings(*factory);
-  warn_of_untold_gain(factory->model.description(), plan.model_path, gains_to_try(*factory));
-  if (const std::string repeated =
-          factory->synthesizers.begin()->second.repetition(plan.dataset.patch, plan.dataset.patch);
-      !repeated.empty())
-    warn(repeated);
+  for (const std::string& line : factory->camera->cautions()) warn(line);
   const Json json = dataset_json(plan, *factory);
   factory->set = set_name(json);
   const OutputFolder output(folder);

@@ -66,6 +66,9 @@ class NoiseFlowSampler final : public FlowSampler {
                     const DrawAddress& address) override {
     return guarded([&] { return model_.draw_raw(clean_dn, gain, address); });
   }
+  NoiseProfile profile_at(const GainSetting& gain) override {
+    return guarded([&] { return model_.profile_at(gain); });
+  }
 
  private:
   NoiseFlowModel model_;

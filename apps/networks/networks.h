@@ -66,6 +66,7 @@ class FlowSampler {
                      const DrawAddress& address) = 0;
   virtual RawFrame draw_raw(View<const float> clean_dn, const GainSetting& gain,
                             const DrawAddress& address) = 0;
+  virtual NoiseProfile profile_at(const GainSetting& gain) = 0;
 };
 
 /// The module's functions. They throw InputError, Cancelled.

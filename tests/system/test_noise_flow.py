@@ -1,10 +1,14 @@
 """Noise Flow from the command line: trained on pairs, drawn from, compared with the truth."""
 
+import fcntl
+import io
 import json
 import os
+import tarfile
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from conftest import needs_networks
 
@@ -58,8 +62,109 @@ def trained(malus, pairs):
     return pairs
 
 
-def test_a_flow_cannot_be_gone_on_with(refused, trained):
-    assert "keeps no checkpoint" in refused("train", trained / "flow.toml", "-o", trained / "flow", "--resume", "--force")
+def test_a_finished_flow_is_not_trained_again(malus, refused, trained):
+    weights = trained / "flow/weights.safetensors"
+    before = weights.read_bytes()
+    again = malus("train", trained / "flow.toml", "-o", trained / "flow", "--resume")
+    assert "nothing was left to train" in again.out and "no checkpoint" not in again.err
+    assert weights.read_bytes() == before
+    line = refused("train", trained / "flow.toml", "-o", trained / "flow", "--resume", "--set", "train.steps=3")
+    assert "belongs to a run with another train.steps: 150, now 3" in line
+    np.save(trained / "noisy_0.npy", np.load(trained / "noisy_1.npy"))
+    assert "other files of data.pairs" in refused("train", trained / "flow.toml", "-o", trained / "flow", "--resume")
+    # A folder without weights: from the start, which is said.
+    assert "training began at step 0" in malus("train", trained / "flow.toml", "-o", trained / "new", "--resume", "--set", "train.steps=2").err
+
+
+def test_equal_trainings_give_equal_files(malus, pairs):
+    for name in ("a", "b"):
+        malus("train", pairs / "flow.toml", "--set", "train.steps=2", "-o", pairs / name)
+    assert (pairs / "a/weights.safetensors").read_bytes() == (pairs / "b/weights.safetensors").read_bytes()
+
+
+def test_two_trainings_do_not_share_a_folder(malus, refused, pairs):
+    short = ["train", pairs / "flow.toml", "--set", "train.steps=2", "-o", pairs / "flow", "--force"]
+    (pairs / "flow").mkdir()
+    with open(pairs / "flow/.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        assert "another training is writing into this folder" in refused(*short)
+    malus(*short)
+    assert not (pairs / "flow/.lock").exists()
+
+
+NETWORK = """
+[network]
+architecture = "unet"
+width = 2
+levels = 2
+[package]
+layout = "bayer-rggb"
+domain = "linear"
+amplification = "auto"
+[data]
+{data}
+example = 64
+patch = 32
+pool = 1
+polarized = false
+[noise]
+models = ["flow/weights.safetensors"]
+[train]
+steps = 3
+batch = 2
+warm_up = 1
+"""
+PICTURES = 'pictures = ["picture.png"]'
+
+
+def test_a_network_is_trained_on_its_noise(malus, refused, trained):
+    rows, cols = np.mgrid[0:96, 0:96]
+    light = 120 + 60 * np.sin(cols / 7) + 40 * np.cos(rows / 11)
+    Image.fromarray(np.clip(light[..., None] * (1, 0.9, 0.7), 0, 255).astype(np.uint8)).save(trained / "picture.png")
+    config = trained / "network.toml"
+    config.write_text(NETWORK.format(data=PICTURES))
+    malus("train", config, "-o", trained / "run")
+    malus("train", config, "-o", trained / "again")
+    weights = [(trained / run / "weights.safetensors").read_bytes() for run in ("run", "again")]
+    assert weights[0] == weights[1]
+    # Other weights of the flow are another noise.
+    (trained / "flow/weights.safetensors").replace(trained / "flow/before.safetensors")
+    malus("train", trained / "flow.toml", "-o", trained / "flow", "--set", "train.steps=2", "--force")
+    assert "belongs to a run with other files of noise.models" in refused("train", config, "-o", trained / "run", "--resume")
+    for setting, word in (("noise.jitter=0.2", "jitter in [noise] means nothing"), ("noise.kind=gaussian", "kind in [noise] means nothing"),
+                          ("noise.gains=[24]", "the flow was trained from 12 dB to 12 dB"), ("package.layout=bayer-bggr", "layout")):
+        assert word in refused("train", config, "-o", trained / "none", "--set", setting)
+    assert not (trained / "none").exists()
+
+
+def test_a_data_set_of_its_noise_trains_a_network(malus, refused, trained):
+    plan = trained / "plan.toml"
+    text = ('model = "flow/weights.safetensors"\nclean = ["clean.npy"]\n[dataset]\nsamples = 40\nshard_size = 20\npatch = 64\n'
+            'ratios = [2, 8]\n')
+    plan.write_text(text)
+    malus("dataset", plan, "-o", trained / "shards")
+    square, count = 0.0, 0
+    for shard in sorted((trained / "shards").glob("*.tar")):
+        with tarfile.open(shard) as tar:
+            files = {member.name: tar.extractfile(member).read() for member in tar}
+        for name in (n for n in files if n.endswith(".json")):
+            facts = json.loads(files[name])
+            assert facts["gain_db"] == 12 and abs(facts["removed_bias_dn"]) < 3
+            clean, noisy = (np.load(io.BytesIO(files[name.replace("json", f"{what}.npy")])) for what in ("clean", "noisy"))
+            light = clean / facts["ratio"]
+            noise = (noisy - clean) / facts["ratio"]
+            square += (noise ** 2 / (SLOPE * light + OFFSET)).sum()
+            count += noise.size
+    # 164,000 samples, 0.35 % standard error; the flow's training is brief, as above.
+    assert square / count == pytest.approx(1, abs=0.15)
+    config = trained / "network.toml"
+    config.write_text(NETWORK.format(data='shards = ["shards/*.tar"]'))
+    malus("train", config, "-o", trained / "run")
+    plan.write_text(text + "gains = [24]\n")
+    line = refused("dataset", plan, "-o", trained / "none")
+    assert "plan.toml:8: gains" in line and "from 12 dB to 12 dB" in line
+    plan.write_text(text + "[noise]\nshot = false\n")
+    assert "weights.safetensors: a Noise Flow has none of the parts" in refused("dataset", plan, "-o", trained / "none")
 
 
 def test_weights_are_not_replaced_unasked_but_those_beside_do_not_matter(malus, refused, pairs):

@@ -83,29 +83,34 @@ SampleRecipe sample_recipe(const DatasetSettings& settings, const SensorLayout& 
   return recipe;
 }
 
-TrainingPair make_pair_of(const SampleRecipe& recipe, const DatasetSettings& settings,
-                          View<const float> source_dn, const Synthesizer& synthesizer,
-                          const std::optional<GainSetting>& gain, std::uint64_t seed) {
-  const SensorLayout& layout = synthesizer.model().layout;
+Image clean_patch_of(const SampleRecipe& recipe, const DatasetSettings& settings,
+                     View<const float> source_dn, const SensorLayout& layout) {
   const int side = side_of_cut(settings, layout);
   const Image turned =
       moved(source_dn.window(recipe.row0, recipe.col0, side, side), recipe.symmetry);
   const auto shift = lattice_shift(layout, recipe.symmetry);
   MALUS_REQUIRE(shift.has_value());
-  const View<const float> clean =
-      turned.view().window(shift->rows, shift->cols, settings.patch, settings.patch);
-  SyntheticFrame noisy = synthesizer.draw(
-      clean, gain, synthesizer.somewhere(settings.patch, settings.patch, seed, recipe.number));
+  Image clean(settings.patch, settings.patch);
+  for (int r = 0; r < settings.patch; ++r)
+    std::copy_n(turned.row(shift->rows + r) + shift->cols, settings.patch, clean.row(r));
+  return clean;
+}
+
+TrainingPair make_pair_of(const SampleRecipe& recipe, const DatasetSettings& settings,
+                          View<const float> source_dn, const Synthesizer& synthesizer,
+                          const std::optional<GainSetting>& gain, std::uint64_t seed) {
   TrainingPair pair;
+  pair.clean_dn = clean_patch_of(recipe, settings, source_dn, synthesizer.model().layout);
+  SyntheticFrame noisy =
+      synthesizer.draw(pair.clean_dn, gain,
+                       synthesizer.somewhere(settings.patch, settings.patch, seed, recipe.number));
   pair.noisy_dn = std::move(noisy.dn);
   pair.gain = noisy.gain;
   pair.removed_bias_dn = noisy.global_bias_dn;
   pair.coverage = noisy.coverage;
-  pair.clean_dn = Image(settings.patch, settings.patch);
   const float factor =
       synthesizer.settings().amplify ? 1.0f : static_cast<float>(1.0 / recipe.ratio);
-  for (int r = 0; r < settings.patch; ++r)
-    for (int c = 0; c < settings.patch; ++c) pair.clean_dn(r, c) = factor * clean(r, c);
+  for (float& v : pair.clean_dn.values()) v *= factor;
   return pair;
 }
 

@@ -76,9 +76,14 @@ struct TrainingPair {
   LevelCoverage coverage;  ///< of kind nonparametric; else empty
 };
 
-/// Cuts and turns the clean patch, then adds the noise: geometry comes first, or rows would become
-/// columns. synthesizer: with the recipe's ratio in its settings; where these do not amplify, the
-/// clean patch is divided by the ratio, so that the two can be compared.
+/// The recipe's patch of a clean source, cut and turned: geometry comes before the noise, or rows
+/// would become columns.
+Image clean_patch_of(const SampleRecipe& recipe, const DatasetSettings& settings,
+                     View<const float> source_dn, const SensorLayout& layout);
+
+/// Adds noise to the recipe's clean patch. synthesizer: with the recipe's ratio in its settings;
+/// where these do not amplify, the clean patch is divided by the ratio, so that the two can be
+/// compared.
 TrainingPair make_pair_of(const SampleRecipe& recipe, const DatasetSettings& settings,
                           View<const float> source_dn, const Synthesizer& synthesizer,
                           const std::optional<GainSetting>& gain, std::uint64_t seed);
