@@ -24,10 +24,10 @@ bool is_trained_on_pairs(const ConfigSection& section, const TableRow& row) {
 }  // namespace
 
 std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesystem::path& path,
-                                 bool takes_pairs) {
+                                 const std::vector<std::string>& more_keys) {
   std::vector<TableRow> rows;
   std::vector<std::string> known{"name", "method", "config"};
-  if (takes_pairs) known.push_back("trained_on");
+  known.insert(known.end(), more_keys.begin(), more_keys.end());
   for (const ConfigSection& section : root.sections("rows")) {
     section.require_known(known);
     TableRow row{section.text("name").value_or(""), section.text("method").value_or(""),
@@ -37,6 +37,12 @@ std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesyste
       section.fail("config", "or method is missing, or both are there", "give one of them");
     row.trained_on_pairs = is_trained_on_pairs(section, row);
     if (!row.config.empty()) row.config = path.parent_path() / row.config;
+    if (const auto flow = section.text("noise_flow")) {
+      if (row.config.empty())
+        section.fail("noise_flow", "draws the noise of a training, and the row has none",
+                     "give config, too");
+      row.noise_flow = path.parent_path() / *flow;
+    }
     rows.push_back(std::move(row));
   }
   if (rows.empty()) root.fail("rows", "are missing", "add [[rows]]");

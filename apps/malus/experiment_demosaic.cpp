@@ -16,6 +16,7 @@
 #include "denoiser_by_ratio.h"
 #include "experiments.h"
 #include "flags.h"
+#include "flow_rows.h"
 #include "frame_input.h"
 #include "networks_door.h"
 #include "output_check.h"
@@ -30,7 +31,7 @@ using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 struct DemosaicExperimentArguments {
-  fs::path rows, folder, report, pairs;
+  fs::path rows, folder, report, pairs, flow_pairs;
   std::vector<fs::path> pictures;
   int crop = 512;
 };
@@ -53,18 +54,52 @@ DemosaicSetup read_demosaic_setup(const fs::path& path) {
   setup.gains = root.numbers("gains");
   setup.cases = root.texts("cases");
   if (setup.gains.empty()) root.fail("gains", "are missing", "name those to train at");
-  setup.rows = table_rows(root, path);
+  setup.rows = table_rows(root, path, {"noise_flow"});
   return setup;
 }
 
-// The model with all kinds that rows may be trained on, as a file for their trainings.
-fs::path complete_model(const Model& door, const DemosaicSetup& setup, const fs::path& folder) {
+std::vector<GainSetting> gains_of(const Model& door, const DemosaicSetup& setup) {
   std::vector<GainSetting> gains;
   for (const double gain : setup.gains) gains.push_back(door.gain_setting(gain));
+  return gains;
+}
+
+// The model with all kinds that rows may be trained on, as a file for their trainings.
+void save_complete_model(const Model& door, const DemosaicSetup& setup, const fs::path& path) {
+  const std::vector<GainSetting> gains = gains_of(door, setup);
   warn_of_untold_gain(door.description(), setup.model, gains);
-  const fs::path path = folder / "model.h5";
   save_model(with_equivalents(door.description(), gains), path, true);
-  return path;
+}
+
+FlowCaptures flow_captures(const DemosaicExperimentArguments& arguments, const DemosaicSetup& setup,
+                           const Model& door) {
+  return {.pairs = arguments.flow_pairs,
+          .model = arguments.folder / "model.h5",
+          .gains = gains_of(door, setup),
+          .exposure = setup.exposure,
+          .crop = arguments.crop};
+}
+
+// What no row could be trained with is refused before the first is.
+void check_rows(const DemosaicExperimentArguments& arguments, const DemosaicSetup& setup,
+                const Model& door, const Common& common) {
+  bool flows = false;
+  for (const TableRow& row : setup.rows) {
+    if (row.method.empty())
+      check_training({.config = row.config, .models = {arguments.folder / "model.h5"}}, common);
+    if (row.noise_flow.empty()) continue;
+    flows = true;
+    // A simulated camera's noise would teach the flow the model that it is compared with.
+    if (!arguments.pairs.empty() && arguments.flow_pairs.empty())
+      throw InputError(arguments.rows.string(),
+                       fmt::format("the flow of its row \"{}\" learns from captures, and --pairs "
+                                   "are to score on",
+                                   row.name),
+                       "give others with --flow-pairs, or leave the row out");
+    check_flow(row, flow_captures(arguments, setup, door), common);
+  }
+  if (!arguments.flow_pairs.empty() && !flows)
+    throw InputError("--flow-pairs", "no row has a Noise Flow", "leave it out");
 }
 
 std::vector<RecordedPair> test_captures(const DemosaicExperimentArguments& arguments,
@@ -146,42 +181,49 @@ Json demosaic_record(const Json& rows) {
   return {{"title", "Joint denoising and demosaicking"}, {"tables", Json::array({table})}};
 }
 
+// A row's method: a classical one, or the weights of its training.
+std::string method_of(const TableRow& row, const DemosaicExperimentArguments& arguments,
+                      const DemosaicSetup& setup, const Model& door, const Common& common,
+                      Progress& progress) {
+  if (!row.method.empty()) return row.method;
+  fs::path model = arguments.folder / "model.h5";
+  if (!row.noise_flow.empty())
+    model = trained_flow(row, flow_captures(arguments, setup, door), load_model(setup.camera),
+                         arguments.folder, common, progress);
+  return trained_weights(
+      row.name,
+      {.config = row.config, .folder = arguments.folder / row.config.stem(), .models = {model}},
+      common, progress);
+}
+
 void run_demosaic_experiment(const DemosaicExperimentArguments& arguments, const Common& common) {
   if (arguments.pictures.empty() == arguments.pairs.empty())
     throw InputError("experiment denoise-demosaic", "needs something to score on",
                      "give --pictures or --pairs");
   std::vector<fs::path> read = arguments.pictures;
-  read.insert(read.end(), {arguments.rows, arguments.pairs});
+  read.insert(read.end(), {arguments.rows, arguments.pairs, arguments.flow_pairs});
   check_report_apart(arguments.report, read, {}, common.force);
   networks();
   const DemosaicSetup setup = read_demosaic_setup(arguments.rows);
-  for (const TableRow& row : setup.rows)
-    if (row.method.empty())
-      check_training({.config = row.config, .models = {arguments.folder / "model.h5"}}, common);
   const Model door = Model::load(setup.model);
   if (!is_bayer(door.description().layout))
     throw InputError(setup.model, "is not of a Bayer sensor",
                      "set another model in the rows' file");
+  check_rows(arguments, setup, door, common);
   const OutputFolder output(arguments.folder);
   const auto progress = make_progress(common);
   const std::vector<RecordedPair> captures =
       test_captures(arguments, setup, door, common.seed, *progress);
   if (captures.empty())
     throw InputError(arguments.rows.string(), "names no cases", "e.g. cases = [\"1600:1\"]");
-  const fs::path model = complete_model(door, setup, arguments.folder);
+  save_complete_model(door, setup, arguments.folder / "model.h5");
   Json rows = Json::array();
   rows.push_back(
       score_on_captures("none: noisy, demosaicked", captures, door.description(), {}, *progress));
-  for (const TableRow& row : setup.rows) {
-    const std::string method =
-        row.method.empty() ? trained_weights(row.name,
-                                             {.config = row.config,
-                                              .folder = arguments.folder / row.config.stem(),
-                                              .models = {model}},
-                                             common, *progress)
-                           : row.method;
-    rows.push_back(score_on_captures(row.name, captures, door.description(), method, *progress));
-  }
+  for (const TableRow& row : setup.rows)
+    rows.push_back(score_on_captures(row.name, captures, door.description(),
+                                     method_of(row, arguments, setup, door, common, *progress),
+                                     *progress));
   if (!arguments.report.empty())
     write_record_report(demosaic_record(rows), arguments.report, common.force);
   print_result(common,
@@ -210,6 +252,9 @@ void add_demosaic_experiment(CLI::App& experiment, Common& common) {
                       "trained on");
   command->add_option("--pairs", arguments->pairs,
                       "in their place: captured pairs (pairs.json of malus pairs)");
+  command->add_option("--flow-pairs", arguments->flow_pairs,
+                      "captured pairs that rows of Noise Flow learn the noise from; otherwise the "
+                      "simulated camera takes the pictures that the networks are trained on");
   command->add_option("-o,--output", arguments->folder, "folder of the trainings")->required();
   add_training_settings(*command, common);
   command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")

@@ -44,7 +44,7 @@ Table read_table(const TableArguments& arguments) {
   root.require_known({"rows"});
   Table table;
   bool any_on_pairs = false;
-  for (TableRow& row : table_rows(root, arguments.rows, /*takes_pairs=*/true)) {
+  for (TableRow& row : table_rows(root, arguments.rows, {"trained_on"})) {
     any_on_pairs = any_on_pairs || row.trained_on_pairs;
     if (row.trained_on_pairs && arguments.pairs.empty())
       table.left_out.push_back(row.name);

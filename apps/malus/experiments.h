@@ -17,11 +17,14 @@ struct TableRow {
   std::string name, method;
   std::filesystem::path config;
   bool trained_on_pairs = false;  ///< on captured pairs, in place of the configuration's data
+  /// Configuration of a Noise Flow, which is trained first and draws the noise of the training;
+  /// else empty.
+  std::filesystem::path noise_flow = {};
 };
-/// [[rows]] of an experiment's file: configurations lie beside it. takes_pairs: whether rows may
-/// say trained_on = "pairs". Throws InputError.
+/// [[rows]] of an experiment's file: configurations lie beside it. more_keys: what this
+/// experiment's rows may have besides: trained_on (= "pairs"), noise_flow. Throws InputError.
 std::vector<TableRow> table_rows(const ConfigSection& root, const std::filesystem::path& path,
-                                 bool takes_pairs = false);
+                                 const std::vector<std::string>& more_keys = {});
 
 /// Throws InputError where a row's training (as below) could not begin. Asked of all rows before
 /// the first is trained.
