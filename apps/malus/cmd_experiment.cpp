@@ -78,6 +78,7 @@ void add_experiment(CLI::App& app, Common& common) {
   add_renoise_experiment(*experiment, common);
   add_table_s1_experiment(*experiment, common);
   add_demosaic_experiment(*experiment, common);
+  add_noise_experiment(*experiment, common);
 }
 
 }  // namespace malus::app

@@ -4,17 +4,15 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/noise/model.h"
-#include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <map>
 #include <memory>
 #include <system_error>
 
 #include "frame_input.h"
-#include "networks_door.h"
+#include "noise_stand_in.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -76,89 +74,16 @@ void warn_of_copies(const NoiseComparison& comparison, const NoiseArguments& arg
       arguments.test.front().string(), arguments.reference.front().string()));
 }
 
-// What stands in place of a camera: frames in DN above black, rounded and clipped as the camera's
-// are, or not.
-struct StandIn {
-  NoiseModel levels;  ///< layout, black and white level alone
-  std::function<Image(const Image& clean, const GainSetting& gain, const DrawAddress& address,
-                      bool rounded)>
-      draw;
-  /// Says what speaks against frames of this gain.
-  std::function<void(const GainSetting& gain)> warn_of_gain = [](const GainSetting&) {};
-};
-
-NoiseModel levels_of(SensorLayout layout, std::vector<double> black_dn, double white_dn) {
-  NoiseModel levels;
-  levels.layout = std::move(layout);
-  levels.black_dn = std::move(black_dn);
-  levels.white_dn = white_dn;
-  return levels;
-}
-
-StandIn calibrated_stand_in(const NoiseArguments& arguments) {
-  SynthesisSettings settings;
-  settings.kind = arguments.kind.value_or(settings.kind);
-  const auto synthesizer =
-      std::make_shared<const Synthesizer>(load_model(arguments.model), settings);
-  const NoiseModel& camera = synthesizer->model();
-  return {levels_of(camera.layout, camera.black_dn, camera.white_dn),
-          [=](const Image& clean, const GainSetting& gain, const DrawAddress& address,
-              bool rounded) -> Image {
-            if (!rounded) return synthesizer->draw(clean, gain, address).dn;
-            const NoiseModel& model = synthesizer->model();
-            RawFrame frame = synthesizer->draw_raw(clean, gain, address, model.black_dn,
-                                                   model.white_dn > 0 ? model.white_dn : 65535.0);
-            subtract_black(frame);
-            return std::move(frame.dn);
-          },
-          [synthesizer, path = arguments.model](const GainSetting& gain) {
-            warn_of_untold_gain(synthesizer->model(), path, {gain});
-          }};
-}
-
-StandIn flow_stand_in(const NoiseArguments& arguments) {
+StandIn stand_in_for(const NoiseArguments& arguments) {
+  if (!names_noise_flow(arguments.model)) {
+    SynthesisSettings settings;
+    settings.kind = arguments.kind.value_or(settings.kind);
+    return calibrated_stand_in(std::make_shared<const NoiseModel>(load_model(arguments.model)),
+                               arguments.model, settings);
+  }
   if (arguments.kind)
     throw InputError("--kind " + *arguments.kind, "means nothing to a Noise Flow", "leave it out");
-  const std::shared_ptr<FlowSampler> flow = networks().open_flow(arguments.model);
-  return {levels_of(SensorLayout::named(flow->sensor().layout), flow->sensor().black_dn,
-                    flow->sensor().white_dn),
-          [=](const Image& clean, const GainSetting& gain, const DrawAddress& address,
-              bool rounded) -> Image {
-            if (!rounded) return flow->draw(clean.view(), gain, address);
-            RawFrame frame = flow->draw_raw(clean.view(), gain, address);
-            subtract_black(frame);
-            return std::move(frame.dn);
-          }};
-}
-
-StandIn stand_in_for(const NoiseArguments& arguments) {
-  return arguments.model.extension() == ".safetensors" ? flow_stand_in(arguments)
-                                                       : calibrated_stand_in(arguments);
-}
-
-// Numbers of drawn frames begin here: the reference may be what synthesize drew of the same seed,
-// and noise must not be compared with itself.
-constexpr std::uint32_t kFirstFrame = 1u << 31;
-
-DrawAddress address_of(const Common& common, int frame) {
-  return {common.seed, kFirstFrame + static_cast<std::uint32_t>(frame), 0, 0};
-}
-
-// Rounded and clipped when the reference's are whole numbers.
-NoiseFrames frames_drawn(const StandIn& stand_in, const NoiseArguments& arguments,
-                         const Common& common, const NoiseFrames& reference, const RawFrame& first,
-                         const std::optional<Image>& clean) {
-  const int count = arguments.frames > 0 ? arguments.frames : reference.count;
-  const auto drawn = [draw = stand_in.draw, gain = first.gain, rounded = first.bits > 0, common](
-                         const Image& scene, int number) {
-    return draw(scene, gain, address_of(common, number), rounded);
-  };
-  // Without light, under numbers of their own.
-  const NoiseFrames unlit{reference.count, [&](int k) {
-                            return drawn(Image(first.dn.rows(), first.dn.cols()), count + k);
-                          }};
-  const Image scene = clean ? *clean : uniform_scene(reference, unlit, stand_in.levels.layout);
-  return {count, [=](int k) { return drawn(scene, k); }};
+  return flow_stand_in(arguments.model);
 }
 
 Json distance_json(const NoiseDistance& d) {
@@ -273,10 +198,12 @@ void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw
   if (stand_in) stand_in->warn_of_gain(first.gain);
   std::optional<Image> clean;
   if (!arguments.clean.empty()) clean = load_above_black(arguments.clean, options).dn;
+  const int count =
+      arguments.frames > 0 ? arguments.frames : static_cast<int>(arguments.reference.size());
   const NoiseFrames reference = frames_of(arguments.reference, options),
-                    test = stand_in
-                               ? frames_drawn(*stand_in, arguments, common, reference, first, clean)
-                               : frames_of(arguments.test, options);
+                    test = stand_in ? frames_drawn(*stand_in, reference, first, clean, count,
+                                                   common.seed)
+                                    : frames_of(arguments.test, options);
   const SensorLayout& layout = stand_in ? stand_in->levels.layout : first.layout;
   const auto progress = make_progress(common);
   const NoiseComparison comparison =

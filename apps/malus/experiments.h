@@ -42,5 +42,6 @@ void add_renoise_experiment(CLI::App& experiment, Common& common);
 void add_table_experiments(CLI::App& experiment, Common& common);
 void add_table_s1_experiment(CLI::App& experiment, Common& common);
 void add_demosaic_experiment(CLI::App& experiment, Common& common);
+void add_noise_experiment(CLI::App& experiment, Common& common);
 
 }  // namespace malus::app
