@@ -221,6 +221,6 @@ def test_bad_experiments_are_refused(refused, experiments):
     pairs = experiments / "pairs.json"
     pairs.write_text('{"pairs": []}')
     assert "1600" in refused(*tables[0], "--pairs", pairs, "--test-pairs", pairs, "-q")
-    assert "no pairs" in refused(*tables[1], "--pairs", pairs, "-q")
+    assert "no pairs" in refused(*tables[1], "--pairs", pairs, "--flow-pairs", pairs, "-q")
     pairs.write_text('{"pairs": [{"name": "a_00", "short": "a.tif", "reference": "a.npy", "ratio": 0, "gain_db": null, "iso": 1600}]}')
-    assert "ratio is above 0" in refused(*tables[1], "--pairs", pairs, "-q")
+    assert "ratio is above 0" in refused(*tables[1], "--pairs", pairs, "--flow-pairs", pairs, "-q")
