@@ -209,7 +209,7 @@ TEST(FrameFile, BadFilesAreRefusedInOneLine) {
   save_picture(folder / "rgb.png", Planes(3, 4, 4), {});
   expect_frame_refused(folder / "rgb.png", "3 channels, a raw mosaic has one");
   save_picture(folder / "stack.npy", Planes(5, 6, 7), {});
-  expect_frame_refused(folder / "stack.npy", "save every frame of a stack in a file of its own");
+  expect_frame_refused(folder / "stack.npy", "it holds 5 frames; name one of them");
   save_picture(folder / "ok.png", Image(4, 6));
   FrameOptions options;
   options.rows = 6;

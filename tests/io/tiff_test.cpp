@@ -217,7 +217,7 @@ TEST(Tiff, DamagedDeflatedStripsAndTilesAreRefused) {
   }
 }
 
-TEST(Tiff, SeveralPagesAreRefused) {
+TEST(Tiff, OneOfSeveralPagesHasToBeNamed) {
   const testing::TemporaryFolder folder;
   std::string page = tiff(1, 2, 8, 1, "ab");
   // The first directory's link to the next leads to a copy of the same.
@@ -227,7 +227,7 @@ TEST(Tiff, SeveralPagesAreRefused) {
   page[link] = static_cast<char>(page.size());
   write_file(folder / "two.tif", page + directory, false);
   EXPECT_THAT([&] { load_frame(folder / "two.tif"); },
-              ThrowsMessage<InputError>(HasSubstr("several pictures")));
+              ThrowsMessage<InputError>(HasSubstr("it holds 2 frames")));
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/base/unreadable_file.h"
+#include "malus/io/frame_stack.h"
 #include "malus/io/internal/decoded.h"
 
 #include <cerrno>
@@ -49,6 +50,10 @@ std::vector<std::uint8_t> read_bytes(const fs::path& path, std::uintmax_t limit)
   return read_part(path, 0, static_cast<std::size_t>(size));
 }
 
+bool begins_with(Bytes bytes, std::string_view text) {
+  return bytes.size() >= text.size() && std::memcmp(bytes.data(), text.data(), text.size()) == 0;
+}
+
 std::string read_text(const fs::path& path, std::string_view what) {
   constexpr std::uintmax_t kMaxBytes = 64 << 20;
   if (require_file(path) > kMaxBytes)
@@ -79,6 +84,16 @@ void check_picture_size(const fs::path& path, std::int64_t rows, std::int64_t co
     throw InputError(path.string(),
                      fmt::format("it declares {}, more than {} values", text, kMaxPixels),
                      "crop it, or check that the file is whole");
+}
+
+void check_stack_size(const fs::path& path, std::int64_t frames) {
+  if (frames < 1)
+    throw InputError(path.string(), fmt::format("it declares {}", counted(frames, "frame")),
+                     "the file is damaged");
+  if (frames > kMostStackFrames)
+    throw InputError(path.string(),
+                     fmt::format("it holds {} frames, more than {}", frames, kMostStackFrames),
+                     "save it in several files");
 }
 
 }  // namespace malus::internal

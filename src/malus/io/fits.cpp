@@ -50,6 +50,10 @@ std::string card_value(std::string_view field) {
   return std::string(trimmed(field.substr(0, field.find('/'))));
 }
 
+bool is_end_card(Bytes bytes, std::size_t at) {
+  return trimmed({reinterpret_cast<const char*>(bytes.data()) + at, 8}) == "END";
+}
+
 Header parse_header(Bytes bytes, const fs::path& path) {
   Header header;
   for (std::size_t at = 0;; at += kCard) {
@@ -58,7 +62,7 @@ Header parse_header(Bytes bytes, const fs::path& path) {
     const std::string_view card(reinterpret_cast<const char*>(bytes.data()) + at, kCard);
     const std::string_view keyword = trimmed(card.substr(0, 8));
     if (at == 0 && keyword != "SIMPLE") damaged_fits(path, "it does not begin with SIMPLE");
-    if (keyword == "END") {
+    if (is_end_card(bytes, at)) {
       header.data_offset = (at + kCard + kFitsBlock - 1) / kFitsBlock * kFitsBlock;
       return header;
     }
@@ -105,6 +109,10 @@ struct Layout {
   bool bottom_up = false;
   /// Scaled integers are whole numbers still.
   bool whole() const { return bitpix > 0 && scale == 1 && zero == std::floor(zero); }
+  std::size_t item_bytes() const { return static_cast<std::size_t>(std::abs(bitpix)) / 8; }
+  std::size_t frame_bytes() const {
+    return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols) * item_bytes();
+  }
 };
 
 Layout picture_layout(const Header& header, const fs::path& path) {
@@ -120,7 +128,6 @@ Layout picture_layout(const Header& header, const fs::path& path) {
   layout.cols = required_integer(header, "NAXIS1", path);
   layout.rows = required_integer(header, "NAXIS2", path);
   if (axes == 3) layout.channels = required_integer(header, "NAXIS3", path);
-  check_picture_size(path, layout.rows, layout.cols, layout.channels);
   layout.zero = number_or(header, "BZERO", 0.0, path);
   layout.scale = number_or(header, "BSCALE", 1.0, path);
   if (layout.bitpix > 0) layout.blank = number(header, "BLANK");
@@ -146,15 +153,26 @@ double stored(Bytes bytes, std::size_t offset, int bitpix) {
   }
 }
 
-void decode_pixels(Bytes bytes, const Layout& layout, std::size_t data_offset, const fs::path& path,
-                   Decoded& decoded) {
-  const std::size_t item = static_cast<std::size_t>(std::abs(layout.bitpix)) / 8;
-  const std::size_t needed =
-      static_cast<std::size_t>(layout.rows * layout.cols * layout.channels) * item;
-  const std::size_t present = bytes.size() > data_offset ? bytes.size() - data_offset : 0;
+void require_fits_bytes(const Layout& layout, std::size_t data_offset, std::uintmax_t file_bytes,
+                        const fs::path& path) {
+  const std::size_t needed = layout.frame_bytes() * static_cast<std::size_t>(layout.channels);
+  const std::uintmax_t present = file_bytes > data_offset ? file_bytes - data_offset : 0;
   if (present < needed)
     damaged_fits(path,
                  fmt::format("its size needs {} bytes of data, {} are there", needed, present));
+}
+
+// Of a cube, whose channels are frames.
+void check_fits_stack(const Layout& layout, std::size_t data_offset, const fs::path& path) {
+  check_picture_size(path, layout.rows, layout.cols, 1);
+  check_stack_size(path, layout.channels);
+  require_fits_bytes(layout, data_offset, require_file(path), path);
+}
+
+// Contract: the pixels are there.
+void decode_pixels(Bytes bytes, const Layout& layout, std::size_t data_offset, const fs::path& path,
+                   Decoded& decoded) {
+  const std::size_t item = layout.item_bytes();
   decoded.planes = Planes(decoded.channels, decoded.rows, decoded.cols);
   std::size_t offset = data_offset;
   for (Image& plane : decoded.planes)
@@ -170,11 +188,7 @@ void decode_pixels(Bytes bytes, const Layout& layout, std::size_t data_offset, c
     }
 }
 
-}  // namespace
-
-Decoded parse_fits(Bytes bytes, const fs::path& path, bool pixels) {
-  const Header header = parse_header(bytes, path);
-  const Layout layout = picture_layout(header, path);
+Decoded describe_fits(const Header& header, const Layout& layout) {
   Decoded decoded;
   decoded.format = "fits";
   decoded.rows = static_cast<int>(layout.rows);
@@ -194,13 +208,58 @@ Decoded parse_fits(Bytes bytes, const fs::path& path, bool pixels) {
   if (const auto camera = header.values.find("INSTRUME"); camera != header.values.end())
     decoded.camera = camera->second;
   decoded.description = header.comment;
-  if (pixels) decode_pixels(bytes, layout, header.data_offset, path, decoded);
   return decoded;
 }
 
-Decoded read_fits(const fs::path& path, bool pixels) {
-  if (pixels) return parse_fits(read_bytes(path), path);
-  return parse_fits(read_bytes(path, kMaxFitsHeader + kFitsBlock), path, false);
+// Of a file, whose pixels may be many.
+Header read_fits_header(const fs::path& path) {
+  constexpr std::size_t kUsualHeader = 4 * kFitsBlock;
+  const auto begin = read_bytes(path, kUsualHeader);
+  for (std::size_t at = 0; at + kCard <= begin.size(); at += kCard)
+    if (is_end_card(begin, at)) return parse_header(begin, path);
+  return parse_header(read_bytes(path, kMaxFitsHeader + kFitsBlock), path);
+}
+
+}  // namespace
+
+Decoded parse_fits(Bytes bytes, const fs::path& path, bool pixels) {
+  const Header header = parse_header(bytes, path);
+  const Layout layout = picture_layout(header, path);
+  check_picture_size(path, layout.rows, layout.cols, layout.channels);
+  Decoded decoded = describe_fits(header, layout);
+  if (!pixels) return decoded;
+  require_fits_bytes(layout, header.data_offset, bytes.size(), path);
+  decode_pixels(bytes, layout, header.data_offset, path, decoded);
+  return decoded;
+}
+
+bool begins_as_fits(Bytes head) { return begins_with(head, "SIMPLE"); }
+
+int fits_frames(const fs::path& path) {
+  const Header header = read_fits_header(path);
+  const Layout layout = picture_layout(header, path);
+  if (layout.channels == 1) return 1;  // what it holds is checked as it is read
+  check_fits_stack(layout, header.data_offset, path);
+  return static_cast<int>(layout.channels);
+}
+
+Decoded read_fits(const fs::path& path, bool pixels, std::optional<int> frame) {
+  if (!frame && pixels) return parse_fits(read_bytes(path), path);
+  const Header header = read_fits_header(path);
+  Layout layout = picture_layout(header, path);
+  if (!frame) {
+    check_picture_size(path, layout.rows, layout.cols, layout.channels);
+    return describe_fits(header, layout);
+  }
+  check_fits_stack(layout, header.data_offset, path);
+  MALUS_REQUIRE(*frame >= 0 && *frame < layout.channels);
+  layout.channels = 1;
+  Decoded decoded = describe_fits(header, layout);
+  if (!pixels) return decoded;
+  const std::size_t bytes = layout.frame_bytes();
+  const auto place = header.data_offset + static_cast<std::size_t>(*frame) * bytes;
+  decode_pixels(read_part(path, place, bytes), layout, 0, path, decoded);
+  return decoded;
 }
 
 namespace {

@@ -11,6 +11,8 @@
 #include "malus/io/internal/netpbm.h"
 #include "malus/io/internal/npy.h"
 #include "malus/io/internal/read_any.h"
+#include "malus/io/internal/stack_index.h"
+#include "malus/io/internal/tiff_frames.h"
 
 #include <algorithm>
 #include <charconv>
@@ -97,9 +99,7 @@ Decoded read_mosaic(const fs::path& path, const FrameOptions& options, bool pixe
   if (decoded.channels != 1)
     throw InputError(path.string(),
                      fmt::format("it has {} channels, a raw mosaic has one", decoded.channels),
-                     decoded.channels > 4  // no picture's
-                         ? "save every frame of a stack in a file of its own"
-                         : "give the camera's raw frame; pictures go through malus simulate");
+                     "give the camera's raw frame; pictures go through malus simulate");
   if ((options.rows > 0 && decoded.rows != options.rows) ||
       (options.cols > 0 && decoded.cols != options.cols))
     throw InputError(path.string(),
@@ -109,9 +109,42 @@ Decoded read_mosaic(const fs::path& path, const FrameOptions& options, bool pixe
   return decoded;
 }
 
+// Of a stack the frame that the place names.
+Decoded read_place(const FramePlace& place, bool pixels) {
+  using namespace internal;
+  const fs::path& file = place.file;
+  require_file(file);
+  const auto head = read_bytes(file, 10);
+  const std::string codec = picture_codec(file);
+  if (codec == "tiff") {
+    const TiffFramePlaces frames = tiff_frames(file);
+    const int index = stack_index(place, static_cast<int>(frames->size()));
+    return codecs().read_picture(file, codec, pixels, (*frames)[static_cast<std::size_t>(index)]);
+  }
+  if (place.index) stack_index(place, count_frames(file));
+  if (begins_as_npy(head)) return read_npy(file, pixels, place.index);
+  if (begins_as_fits(head)) return read_fits(file, pixels, place.index);
+  if (!codec.empty()) return codecs().read_picture(file, codec, pixels, kNoDirectory);
+  if (begins_with(head, "P5") || begins_with(head, "P6")) return read_netpbm(file, pixels);
+  refuse_other_netpbm(head, file);
+  return codecs().read_camera_raw(file, pixels);
+}
+
+int frames_in_file(const FramePlace& place, const FrameOptions& options) {
+  if (!options.raw_format) return count_frames(place.file);
+  if (place.index)
+    throw InputError(frame_name(place.file, *place.index).string(),
+                     "a headerless file is one frame, and " + setting("raw_format") + " is given",
+                     "save every frame in a file of its own");
+  return 1;
+}
+
 FrameInfo read_frame(const fs::path& path, const FrameOptions& options, bool pixels) {
-  Decoded decoded = read_mosaic(path, options, pixels);
+  const FramePlace place = frame_place(path);
   FrameInfo info;
+  info.frames_in_file = frames_in_file(place, options);
+  internal::stack_index(place, info.frames_in_file);
+  Decoded decoded = read_mosaic(path, options, pixels);
   info.rows = decoded.rows;
   info.cols = decoded.cols;
   info.format = decoded.format;
@@ -125,28 +158,15 @@ FrameInfo read_frame(const fs::path& path, const FrameOptions& options, bool pix
 }  // namespace
 
 internal::Decoded internal::read_any(const fs::path& path, bool pixels) {
-  require_file(path);
-  const auto head = read_bytes(path, 10);
-  const auto begins = [&](std::string_view magic) {
-    return head.size() >= magic.size() &&
-           std::equal(magic.begin(), magic.end(), head.begin(),
-                      [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; });
-  };
-  Decoded decoded;
-  if (const std::string codec = picture_codec(path); !codec.empty())
-    decoded = codecs().read_picture(path, codec, pixels);
-  else if (begins("\x93NUMPY"))
-    decoded = read_npy(path, pixels);
-  else if (begins("SIMPLE"))
-    decoded = read_fits(path, pixels);
-  else if (begins("P5") || begins("P6"))
-    decoded = read_netpbm(path, pixels);
-  else {
-    refuse_other_netpbm(head, path);
-    decoded = codecs().read_camera_raw(path, pixels);
+  const FramePlace place = frame_place(path);
+  try {
+    Decoded decoded = read_place(place, pixels);
+    apply_frame_tags(decoded);
+    return decoded;
+  } catch (const InputError& error) {  // readers know the file alone
+    if (!place.index || error.subject() != place.file.string()) throw;
+    throw InputError(path.string(), error.problem(), error.remedy());
   }
-  apply_frame_tags(decoded);
-  return decoded;
 }
 
 std::pair<int, int> parse_frame_size(std::string_view text) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/image/raw_frame.h"
+#include "malus/io/frame_stack.h"
 #include "malus/io/raw_format.h"
 
 #include <cstdint>
@@ -37,15 +38,17 @@ std::pair<int, int> parse_frame_size(std::string_view text);
 struct FrameInfo {
   RawFrame frame;  ///< dn is empty after probe_frame
   int rows = 0, cols = 0;
-  std::string format;  ///< "png", "bmp", "tiff", "openexr", "pgm", "fits", "npy", "camera raw",
-                       ///< "mono12p", ...
-  std::string camera;  ///< maker and model, where the file tells
-  std::string sample;  ///< "uint8", "uint16", "half", "float", ...
-  std::string holds;   ///< SaveOptions::holds of the writer; empty where none is kept
+  std::string format;      ///< "png", "bmp", "tiff", "openexr", "pgm", "fits", "npy", "camera raw",
+                           ///< "mono12p", ...
+  std::string camera;      ///< maker and model, where the file tells
+  std::string sample;      ///< "uint8", "uint16", "half", "float", ...
+  std::string holds;       ///< SaveOptions::holds of the writer; empty where none is kept
+  int frames_in_file = 1;  ///< more than 1 of a stack, of which this is one
 };
 
-/// Throws InputError: missing, empty, a folder, truncated, not a mosaic, of an unknown type, too
-/// large (2^31 pixels), of another size than asked for, black >= white, a
+/// path: of a file, or one frame of a stack, stack.tif[3] (frame_stack.h). Throws InputError:
+/// missing, empty, a folder, truncated, not a mosaic, a stack of which no frame is named, of an
+/// unknown type, too large (2^31 pixels), of another size than asked for, black >= white, a
 /// negative black of unsigned integers. NaN and infinite pixels of float files are kept: commands
 /// decide. Integer data above 24 bits are refused (not exact in float).
 RawFrame load_frame(const std::filesystem::path& path, const FrameOptions& options = {});

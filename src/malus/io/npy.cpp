@@ -10,6 +10,7 @@
 #include <limits>
 #include <optional>
 #include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -180,7 +181,7 @@ struct Axes {
   std::int64_t row_step, col_step, channel_step;
 };
 
-Axes picture_axes(const NpyHeader& header, const fs::path& path, NpyAxes order) {
+Axes axes_of(const NpyHeader& header, const fs::path& path, NpyAxes order) {
   const auto& shape = header.shape;
   if (shape.size() != 2 && shape.size() != 3)
     damaged_npy(path, fmt::format("its shape ({}) has {} axes; a picture has 2 or 3",
@@ -203,8 +204,41 @@ Axes picture_axes(const NpyHeader& header, const fs::path& path, NpyAxes order) 
     axes = {shape[0], shape[1], shape[2], step[0], step[1], step[2]};
   else
     axes = {shape[1], shape[2], shape[0], step[1], step[2], step[0]};
+  return axes;
+}
+
+// Throws unless the data are as long as the shape says.
+void require_npy_bytes(const NpyHeader& header, const Axes& axes, const fs::path& path,
+                       std::uintmax_t present) {
+  const auto needed =
+      static_cast<std::uintmax_t>(axes.rows * axes.cols * axes.channels * header.item_bytes);
+  if (present != needed)
+    damaged_npy(path, fmt::format("its shape ({}) needs {} bytes, {} are there",
+                                  fmt::join(header.shape, ", "), needed, present));
+}
+
+Axes picture_axes(const NpyHeader& header, const fs::path& path, NpyAxes order) {
+  const Axes axes = axes_of(header, path, order);
   check_picture_size(path, axes.rows, axes.cols, axes.channels);
   return axes;
+}
+
+// Whether the first axis counts frames; else the array is one picture.
+bool is_npy_stack(const NpyHeader& header, const Axes& axes) {
+  return header.shape.size() == 3 && axes.channels == header.shape[0];
+}
+
+// Of a stack, whose channels are frames.
+void check_npy_stack(const NpyHeader& header, const Axes& axes, const fs::path& path) {
+  check_picture_size(path, axes.rows, axes.cols, 1);
+  check_stack_size(path, axes.channels);
+  require_npy_bytes(header, axes, path, require_file(path) - header.data_offset);
+  if (header.fortran_order && axes.channels > 1)
+    throw InputError(path.string(),
+                     fmt::format("its {} frames are stored in Fortran order, each spread over the "
+                                 "whole file",
+                                 axes.channels),
+                     "save it with numpy.save(name, numpy.ascontiguousarray(stack))");
 }
 
 Decoded describe(const NpyHeader& header, const Axes& axes) {
@@ -224,41 +258,11 @@ Decoded describe(const NpyHeader& header, const Axes& axes) {
   return decoded;
 }
 
-}  // namespace
-
-NpyHeader parse_npy_header(Bytes bytes, const fs::path& path) {
-  if (bytes.size() < 10 ||
-      !std::equal(kMagic.begin(), kMagic.end(), bytes.begin(),
-                  [](char a, std::uint8_t b) { return static_cast<std::uint8_t>(a) == b; }))
-    damaged_npy(path, "it does not begin as one");
-  const int version = bytes[6];
-  if (version < 1 || version > 3)
-    damaged_npy(path, fmt::format("format version {} is not known", version));
-  const std::size_t prefix = version == 1 ? 10 : 12;
-  if (bytes.size() < prefix) damaged_npy(path, "its header is cut off");
-  const std::size_t length = version == 1 ? load_number<std::uint16_t>(bytes, 8, false)
-                                          : load_number<std::uint32_t>(bytes, 8, false);
-  if (length > kMaxNpyHeader || length > bytes.size() - prefix)
-    damaged_npy(path, "its header is cut off");
-
-  NpyHeader header =
-      parse_dictionary({reinterpret_cast<const char*>(bytes.data()) + prefix, length}, path);
-  header.data_offset = prefix + length;
-  return header;
-}
-
-Decoded parse_npy(Bytes bytes, const fs::path& path, NpyAxes order) {
-  const NpyHeader header = parse_npy_header(bytes, path);
-  const Axes axes = picture_axes(header, path, order);
-  const std::size_t items = static_cast<std::size_t>(axes.rows * axes.cols * axes.channels);
-  const std::size_t item_bytes = static_cast<std::size_t>(header.item_bytes);
-  const std::size_t present = bytes.size() - header.data_offset;
-  if (present != items * item_bytes)
-    damaged_npy(path, fmt::format("its shape ({}) needs {} bytes, {} are there",
-                                  fmt::join(header.shape, ", "), items * item_bytes, present));
+Decoded decode_npy(Bytes bytes, const NpyHeader& header, const Axes& axes, const fs::path& path) {
   Decoded decoded = describe(header, axes);
   decoded.planes = Planes(decoded.channels, decoded.rows, decoded.cols);
   const bool whole = header.kind != 'f';
+  const auto item_bytes = static_cast<std::size_t>(header.item_bytes);
   for (int k = 0; k < decoded.channels; ++k)
     for (int r = 0; r < decoded.rows; ++r) {
       float* row = decoded.planes[k].row(r);
@@ -273,11 +277,74 @@ Decoded parse_npy(Bytes bytes, const fs::path& path, NpyAxes order) {
   return decoded;
 }
 
-Decoded read_npy(const fs::path& path, bool pixels) {
-  if (pixels) return parse_npy(read_bytes(path), path);
-  const auto head = read_bytes(path, kMaxNpyHeader + 12);
-  const NpyHeader header = parse_npy_header(head, path);
-  return describe(header, picture_axes(header, path, NpyAxes::kOfPictures));
+// Where the header's text begins, and how long it is.
+std::pair<std::size_t, std::size_t> header_text(Bytes bytes, const fs::path& path) {
+  if (bytes.size() < 10 || !begins_as_npy(bytes)) damaged_npy(path, "it does not begin as one");
+  const int version = bytes[6];
+  if (version < 1 || version > 3)
+    damaged_npy(path, fmt::format("format version {} is not known", version));
+  const std::size_t prefix = version == 1 ? 10 : 12;
+  if (bytes.size() < prefix) damaged_npy(path, "its header is cut off");
+  const std::size_t length = version == 1 ? load_number<std::uint16_t>(bytes, 8, false)
+                                          : load_number<std::uint32_t>(bytes, 8, false);
+  if (length > kMaxNpyHeader) damaged_npy(path, "its header is cut off");
+  return {prefix, length};
+}
+
+// The header alone.
+NpyHeader read_npy_header(const fs::path& path) {
+  constexpr std::uintmax_t kLongestPrefix = 12;
+  const auto [prefix, length] = header_text(read_bytes(path, kLongestPrefix), path);
+  return parse_npy_header(read_bytes(path, prefix + length), path);
+}
+
+}  // namespace
+
+bool begins_as_npy(Bytes head) { return begins_with(head, kMagic); }
+
+NpyHeader parse_npy_header(Bytes bytes, const fs::path& path) {
+  const auto [prefix, length] = header_text(bytes, path);
+  if (length > bytes.size() - prefix) damaged_npy(path, "its header is cut off");
+  NpyHeader header =
+      parse_dictionary({reinterpret_cast<const char*>(bytes.data()) + prefix, length}, path);
+  header.data_offset = prefix + length;
+  return header;
+}
+
+Decoded parse_npy(Bytes bytes, const fs::path& path, NpyAxes order) {
+  const NpyHeader header = parse_npy_header(bytes, path);
+  const Axes axes = picture_axes(header, path, order);
+  require_npy_bytes(header, axes, path, bytes.size() - header.data_offset);
+  return decode_npy(bytes, header, axes, path);
+}
+
+int npy_frames(const fs::path& path) {
+  const NpyHeader header = read_npy_header(path);
+  const Axes axes = axes_of(header, path, NpyAxes::kOfPictures);
+  if (!is_npy_stack(header, axes)) return 1;
+  check_npy_stack(header, axes, path);
+  return static_cast<int>(axes.channels);
+}
+
+Decoded read_npy(const fs::path& path, bool pixels, std::optional<int> frame) {
+  const NpyHeader header = read_npy_header(path);
+  const Axes axes = axes_of(header, path, NpyAxes::kOfPictures);
+  if (!frame || !is_npy_stack(header, axes)) {
+    if (pixels) return parse_npy(read_bytes(path), path);
+    check_picture_size(path, axes.rows, axes.cols, axes.channels);
+    return describe(header, axes);
+  }
+  check_npy_stack(header, axes, path);
+  MALUS_REQUIRE(*frame >= 0 && *frame < axes.channels);
+  Axes one = axes;
+  one.channels = 1;
+  if (!pixels) return describe(header, one);
+  const auto bytes = static_cast<std::size_t>(axes.rows * axes.cols * header.item_bytes);
+  NpyHeader alone = header;
+  alone.data_offset = 0;
+  return decode_npy(
+      read_part(path, header.data_offset + static_cast<std::size_t>(*frame) * bytes, bytes), alone,
+      one, path);
 }
 
 namespace {

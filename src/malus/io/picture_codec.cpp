@@ -9,6 +9,7 @@
 #include "malus/io/internal/png_check.h"
 #include "malus/io/internal/stored_value.h"
 #include "malus/io/internal/tiff_check.h"
+#include "malus/io/internal/tiff_file.h"
 #include "malus/io/internal/tiff_inflate.h"
 
 #include <algorithm>
@@ -76,10 +77,10 @@ void check_plausible(const fs::path& path, const OIIO::ImageSpec& spec, std::uin
 
 // libpng prints where it meets damage, libtiff passes over what is missing, and libjpeg reserves
 // memory when the file is opened.
-void check_before_opening(const fs::path& path, const std::string& codec,
-                          std::uintmax_t file_bytes) {
+void check_before_opening(const fs::path& path, const std::string& codec, std::uintmax_t file_bytes,
+                          std::uint64_t directory) {
   if (codec == "png") check_png(read_bytes(path), path);
-  if (codec == "tiff") check_tiff(path, file_bytes);
+  if (codec == "tiff") check_tiff(path, file_bytes, directory);
   if (codec == "bmp") check_bmp(read_bytes(path, kBmpHead), file_bytes, path);
   if (codec != "jpeg") return;
   const JpegSize size = check_jpeg(read_bytes(path), path);
@@ -87,16 +88,58 @@ void check_before_opening(const fs::path& path, const std::string& codec,
                   file_bytes);
 }
 
-void check_single(const fs::path& path, OIIO::ImageInput& input, const OIIO::ImageSpec& spec) {
+// Of a TIFF file's pages one is meant.
+void check_single(const fs::path& path, const std::string& codec, OIIO::ImageInput& input,
+                  const OIIO::ImageSpec& spec) {
   if (spec.deep) unreadable(path, "it is a deep picture");
   if (spec.depth > 1) unreadable(path, "it is a volume");
+  if (codec == "tiff") return;
   if (!input.seek_subimage(1, 0)) {
     input.geterror();  // there is no second one, as hoped
     input.seek_subimage(0, 0);
     return;
   }
-  throw InputError(path.string(), "it holds several pictures (pages or parts)",
-                   "split it into one file per frame (of TIFF pages: tiffsplit of libtiff-tools)");
+  throw InputError(path.string(), "it holds several pictures (parts)",
+                   "split it into one file per frame");
+}
+
+// A TIFF file as if the directory at some place were its first. libtiff goes to the page N from
+// the first on, and reads N directories for it.
+class PageFile final : public OIIO::Filesystem::IOFile {
+ public:
+  PageFile(const TiffFile& file, std::uint64_t directory)
+      : IOFile(file.path.string(), Read), link_at_(file.link_at()) {
+    for (std::uint64_t i = 0; i < file.number_bytes(); ++i) {
+      const std::uint64_t byte = file.big_endian ? file.number_bytes() - 1 - i : i;
+      link_.push_back(static_cast<unsigned char>(directory >> (8 * byte)));
+    }
+  }
+  size_t read(void* bytes, size_t size) override {
+    const auto at = static_cast<std::uint64_t>(tell());
+    return with_link(bytes, IOFile::read(bytes, size), at);
+  }
+  size_t pread(void* bytes, size_t size, int64_t offset) override {
+    return with_link(bytes, IOFile::pread(bytes, size, offset), static_cast<std::uint64_t>(offset));
+  }
+
+ private:
+  size_t with_link(void* bytes, size_t size, std::uint64_t at) const {
+    for (std::size_t i = 0; i < link_.size(); ++i)
+      if (const std::uint64_t place = link_at_ + i; place >= at && place - at < size)
+        static_cast<unsigned char*>(bytes)[place - at] = link_[i];
+    return size;
+  }
+
+  std::uint64_t link_at_;
+  std::vector<unsigned char> link_;
+};
+
+// Where the page is not the file's first; else the file is read as it is.
+std::unique_ptr<PageFile> page_file(const fs::path& path, const std::string& codec,
+                                    std::uintmax_t file_bytes, std::uint64_t directory) {
+  if (codec != "tiff") return nullptr;
+  const TiffFile file = tiff_file(path, file_bytes);
+  return file.first_directory == directory ? nullptr : std::make_unique<PageFile>(file, directory);
 }
 
 // A cut-off TIFF "succeeds" with black strips and leaves only a message behind.
@@ -156,11 +199,14 @@ void read_pixels(const fs::path& path, OIIO::ImageInput& input, const OIIO::Imag
 
 }  // namespace
 
-Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels) {
+Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels,
+                     std::uint64_t directory) {
   const std::uintmax_t file_bytes = require_file(path);
-  check_before_opening(path, codec, file_bytes);
+  check_before_opening(path, codec, file_bytes, directory);
+  const std::unique_ptr<PageFile> page = page_file(path, codec, file_bytes, directory);
   const auto input = OIIO::ImageInput::create(codec);
   if (!input) unreadable(path, OIIO::geterror());
+  if (page) input->set_ioproxy(page.get());
   input->threads(1);
   OIIO::ImageSpec config, spec;
   config.attribute("oiio:UnassociatedAlpha", 1);  // colours as stored, not times alpha
@@ -168,7 +214,7 @@ Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels
   if (!input->open(path.string(), spec, config)) unreadable(path, input->geterror());
   // A progressive JPEG is decoded here, and its damage is a mere message.
   if (codec == "jpeg" && input->has_error()) unreadable(path, input->geterror());
-  check_single(path, *input, spec);
+  check_single(path, codec, *input, spec);
   check_plausible(path, spec, file_bytes);
 
   Decoded decoded;
@@ -192,7 +238,7 @@ Decoded read_picture(const fs::path& path, const std::string& codec, bool pixels
   decoded.camera = spec.get_string_attribute("Model");
   const float exposure_s = spec.get_float_attribute("ExposureTime", 0.0f);
   if (exposure_s > 0 && std::isfinite(exposure_s)) decoded.exposure_s = exposure_s;
-  if (pixels && codec == "tiff") check_deflated(path, file_bytes);
+  if (pixels && codec == "tiff") check_deflated(path, file_bytes, directory);
   if (pixels) read_pixels(path, *input, spec, decoded);
   input->close();
   return decoded;

@@ -3,6 +3,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/io/frame_stack.h"
 #include "malus/io/internal/codecs.h"
 #include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/fits.h"
@@ -163,10 +164,11 @@ bool has_picture_ending(const fs::path& path) {
 Picture load_picture(const fs::path& path) { return picture_of(internal::read_any(path, true)); }
 
 Picture load_clean_picture(const fs::path& path) {
-  internal::require_file(path);
-  const bool is_jpeg = internal::begins_as_jpeg(internal::read_bytes(path, 3));
+  const fs::path file = frame_place(path).file;
+  const bool is_jpeg = internal::begins_as_jpeg(internal::read_bytes(file, 3));
   Picture picture =
-      is_jpeg ? picture_of(codecs().read_picture(path, "jpeg", true)) : load_picture(path);
+      is_jpeg ? picture_of(codecs().read_picture(file, "jpeg", true, internal::kNoDirectory))
+              : load_picture(path);
   require_known_white(path, picture.bits);
   return picture;
 }

@@ -7,6 +7,7 @@ set(io_SOURCES
   file_bytes.cpp
   fits.cpp
   frame_file.cpp
+  frame_stack.cpp
   frame_tags.cpp
   glob.cpp
   jpeg_check.cpp
@@ -23,6 +24,8 @@ set(io_SOURCES
   shard.cpp
   shard_read.cpp
   tiff_check.cpp
+  tiff_file.cpp
+  tiff_frames.cpp
   tiff_inflate.cpp
 )
 # A library of their own (malus/io/codecs.h).

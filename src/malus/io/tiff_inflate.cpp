@@ -6,7 +6,6 @@
 #include "malus/io/internal/tiff_file.h"
 
 #include <algorithm>
-#include <map>
 #include <new>
 #include <string>
 #include <vector>
@@ -19,49 +18,6 @@ namespace malus::internal {
 namespace {
 
 namespace fs = std::filesystem;
-
-enum TiffTag : std::uint16_t {
-  kCols = 256,
-  kRows = 257,
-  kBits = 258,
-  kCompression = 259,
-  kPhotometric = 262,
-  kStripPlaces = 273,
-  kSamples = 277,
-  kRowsPerStrip = 278,
-  kStripBytes = 279,
-  kPlanar = 284,
-  kTileCols = 322,
-  kTileRows = 323,
-  kTilePlaces = 324,
-  kTileBytes = 325
-};
-
-// The first directory's tags.
-class TiffTags {
- public:
-  explicit TiffTags(const TiffFile& file)
-      : file_(file), entries_(tiff_entries(file, file.first_directory, "directory")) {
-    for (std::size_t at = 0; at < entries_.size(); at += file.entry_bytes())
-      at_.emplace(file.tag(entry(at)), at);
-  }
-  bool has(TiffTag tag) const { return at_.contains(tag); }
-  std::vector<std::uint64_t> all(TiffTag tag, std::uint64_t most) const {
-    const auto found = at_.find(tag);
-    if (found == at_.end()) return {};
-    return tiff_values(file_, entry(found->second), most);
-  }
-  std::uint64_t one(TiffTag tag, std::uint64_t otherwise) const {
-    const auto values = all(tag, 1);
-    return values.empty() ? otherwise : values[0];
-  }
-
- private:
-  Bytes entry(std::size_t at) const { return Bytes(entries_).subspan(at, file_.entry_bytes()); }
-  const TiffFile& file_;
-  std::vector<std::uint8_t> entries_;
-  std::map<std::uint16_t, std::size_t> at_;
-};
 
 // A strip or a tile: where it lies, and how many bytes of pixels it has to hold.
 struct DeflatedBlock {
@@ -152,10 +108,10 @@ class Inflation {
 
 }  // namespace
 
-void check_deflated(const fs::path& path, std::uintmax_t file_bytes) {
+void check_deflated(const fs::path& path, std::uintmax_t file_bytes, std::uint64_t directory) {
   constexpr std::uint64_t kDeflate = 8, kOldDeflate = 32946;
   const TiffFile file = tiff_file(path, file_bytes);
-  const TiffTags tags(file);
+  const TiffTags tags(file, directory, "directory");
   const std::uint64_t compression = tags.one(kCompression, 1);
   if (compression != kDeflate && compression != kOldDeflate) return;
   const std::vector<DeflatedBlock> blocks = blocks_of(file, tags);

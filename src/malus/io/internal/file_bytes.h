@@ -28,6 +28,9 @@ std::uintmax_t require_file(const std::filesystem::path& path);
 std::vector<std::uint8_t> read_bytes(const std::filesystem::path& path,
                                      std::uintmax_t limit = UINTMAX_MAX);
 
+/// Whether the bytes begin with this text.
+bool begins_with(Bytes bytes, std::string_view text);
+
 /// A text file that somebody writes, `what` ("the session file"). Throws InputError beyond 64 MiB.
 std::string read_text(const std::filesystem::path& path, std::string_view what);
 
@@ -40,6 +43,9 @@ std::vector<std::uint8_t> read_part(const std::filesystem::path& path, std::uint
 /// decoded.h.
 void check_picture_size(const std::filesystem::path& path, std::int64_t rows, std::int64_t cols,
                         std::int64_t channels);
+
+/// Throws InputError unless a file may hold this many frames: 1 to kMostStackFrames.
+void check_stack_size(const std::filesystem::path& path, std::int64_t frames);
 
 /// One stored number; contract: bytes holds sizeof(T) at offset.
 template <class T>

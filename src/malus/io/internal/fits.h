@@ -7,6 +7,7 @@
 #include "malus/io/internal/file_bytes.h"
 
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -14,7 +15,18 @@ namespace malus::internal {
 
 /// Throws InputError; path is for messages. With pixels false only the header has to be there.
 Decoded parse_fits(Bytes bytes, const std::filesystem::path& path, bool pixels = true);
-Decoded read_fits(const std::filesystem::path& path, bool pixels);
+
+/// Whether a file begins as one does.
+bool begins_as_fits(Bytes head);
+
+/// How many frames the file holds: the third axis. Reads its header, and throws InputError where
+/// the file is shorter than that says.
+int fits_frames(const std::filesystem::path& path);
+
+/// The file, or its header alone; with `frame` that frame alone, of which no other's pixels are
+/// read. Contract: frame is below fits_frames.
+Decoded read_fits(const std::filesystem::path& path, bool pixels,
+                  std::optional<int> frame = std::nullopt);
 
 enum class FitsSample { kUint8, kUint16, kFloat };
 /// Integers by stored_value; description goes into COMMENT cards. Contract: at least one plane.

@@ -6,6 +6,7 @@
 #include "malus/io/internal/file_bytes.h"
 
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -28,8 +29,17 @@ enum class NpyAxes { kOfPictures, kChannelsFirst };
 Decoded parse_npy(Bytes bytes, const std::filesystem::path& path,
                   NpyAxes order = NpyAxes::kOfPictures);
 
-/// The file, or its header alone.
-Decoded read_npy(const std::filesystem::path& path, bool pixels);
+/// Whether a file begins as one does.
+bool begins_as_npy(Bytes head);
+
+/// How many frames the file holds, as frame_stack.h says. Reads its header, and throws InputError
+/// where the file's size contradicts it.
+int npy_frames(const std::filesystem::path& path);
+
+/// The file, or its header alone; with `frame` that frame alone, of which no other's pixels are
+/// read. Contract: frame is below npy_frames.
+Decoded read_npy(const std::filesystem::path& path, bool pixels,
+                 std::optional<int> frame = std::nullopt);
 
 enum class NpySample { kUint8, kUint16, kFloat };
 /// 2-D for one plane, else [channel, row, column]; integers by stored_value. Contract: at least one

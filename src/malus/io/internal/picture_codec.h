@@ -5,6 +5,7 @@
 #include "malus/io/internal/decoded.h"
 #include "malus/io/picture_file.h"
 
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <span>
@@ -18,9 +19,13 @@ namespace malus::internal {
 /// nothing that is measured is read from it.
 std::string picture_codec(const std::filesystem::path& path);
 
-/// codec: of picture_codec, or "jpeg". Throws InputError when damaged, of several parts or pages,
-/// or too large.
-Decoded read_picture(const std::filesystem::path& path, const std::string& codec, bool pixels);
+/// The directory of files that have none.
+inline constexpr std::uint64_t kNoDirectory = 0;
+/// codec: of picture_codec, or "jpeg". directory: the place of that to be read in a TIFF file
+/// (tiff_frames.h), whose others are not looked at. Throws InputError when damaged, of several
+/// parts, or too large.
+Decoded read_picture(const std::filesystem::path& path, const std::string& codec, bool pixels,
+                     std::uint64_t directory);
 
 /// Writes the whole file or throws InputError; nothing half-written remains. Integers by
 /// stored_value. Contract: at least one plane.

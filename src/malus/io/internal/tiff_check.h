@@ -7,8 +7,9 @@
 
 namespace malus::internal {
 
-/// Throws InputError unless the first directory, that of the exposure (Exif) and all that they
-/// point to lie within the file. Pixels are not looked at, nor values of unknown types.
-void check_tiff(const std::filesystem::path& path, std::uintmax_t file_bytes);
+/// Throws InputError unless the directory at this place, that of the exposure (Exif) and all that
+/// they point to lie within the file. Pixels are not looked at, nor values of unknown types.
+void check_tiff(const std::filesystem::path& path, std::uintmax_t file_bytes,
+                std::uint64_t directory);
 
 }  // namespace malus::internal

@@ -3,6 +3,7 @@
 
 #include "malus/io/internal/file_bytes.h"
 
+#include <map>
 #include <string_view>
 
 namespace malus::internal {
@@ -20,6 +21,8 @@ struct TiffFile {
                     : load_number<std::uint32_t>(bytes, at, big_endian);
   }
   std::uint64_t number_bytes() const { return big_tiff ? 8 : 4; }
+  /// Where the header keeps the place of the first directory.
+  std::uint64_t link_at() const { return big_tiff ? 8 : 4; }
   /// Bytes of a directory's entry: tag, type, number of values, the values or their place.
   std::size_t entry_bytes() const { return static_cast<std::size_t>(4 + 2 * number_bytes()); }
   bool within(std::uint64_t at, std::uint64_t bytes) const {
@@ -29,16 +32,66 @@ struct TiffFile {
   std::uint16_t type(Bytes entry) const { return load_number<std::uint16_t>(entry, 2, big_endian); }
 };
 
-/// The first directory of all. `path` has to outlive what is returned. Throws InputError where the
-/// file ends before.
+/// `path` has to outlive what is returned. Throws InputError where the file ends before the first
+/// directory's place.
 TiffFile tiff_file(const std::filesystem::path& path, std::uintmax_t file_bytes);
 
-/// The entries of the directory at `at`, one after the other. Throws InputError unless all lie
-/// within the file; `name` is what the directory is called then.
-std::vector<std::uint8_t> tiff_entries(const TiffFile& file, std::uint64_t at,
-                                       std::string_view name);
+/// Throws InputError: the file ends before its `what`.
+[[noreturn]] void cut_tiff(const std::filesystem::path& path, std::string_view what);
+
+/// Bytes of one value by its type's number; 0 of unknown ones.
+std::uint64_t bytes_of_tiff_type(std::uint16_t type);
+
+struct TiffEntries {
+  std::vector<std::uint8_t> bytes;  ///< one entry after the other
+  std::uint64_t next;               ///< place of the next directory; 0 after the last
+};
+
+/// The entries of the directory at `at`. Throws InputError unless all lie within the file; `name`
+/// is what the directory is called then.
+TiffEntries tiff_entries(const TiffFile& file, std::uint64_t at, std::string_view name);
 
 /// The entry's first `most` values; none unless they are whole numbers that lie within the file.
 std::vector<std::uint64_t> tiff_values(const TiffFile& file, Bytes entry, std::uint64_t most);
+
+enum TiffTag : std::uint16_t {
+  kSubfile = 254,
+  kOldSubfile = 255,
+  kCols = 256,
+  kRows = 257,
+  kBits = 258,
+  kCompression = 259,
+  kPhotometric = 262,
+  kStripPlaces = 273,
+  kSamples = 277,
+  kRowsPerStrip = 278,
+  kStripBytes = 279,
+  kPlanar = 284,
+  kTileCols = 322,
+  kTileRows = 323,
+  kTilePlaces = 324,
+  kTileBytes = 325,
+  kSampleFormat = 339
+};
+
+/// A directory's values by their tags.
+class TiffTags {
+ public:
+  /// As tiff_entries; file has to outlive it.
+  TiffTags(const TiffFile& file, std::uint64_t at, std::string_view name);
+  bool has(TiffTag tag) const { return at_.contains(tag); }
+  /// As tiff_values; none where the tag is not there.
+  std::vector<std::uint64_t> all(TiffTag tag, std::uint64_t most) const;
+  std::uint64_t one(TiffTag tag, std::uint64_t otherwise) const;
+  std::uint64_t next() const { return entries_.next; }
+
+ private:
+  Bytes entry(std::size_t at) const {
+    return Bytes(entries_.bytes).subspan(at, file_.entry_bytes());
+  }
+  const TiffFile& file_;
+  TiffEntries entries_;
+  std::map<std::uint16_t, std::size_t> at_;
+};
 
 }  // namespace malus::internal

@@ -8,9 +8,10 @@
 
 namespace malus::internal {
 
-/// Throws InputError unless each strip or tile of the first directory is a whole Deflate stream
-/// with the right checksum, as long as its pixels need (the last strip may be longer). Other
+/// Throws InputError unless each strip or tile of the directory at this place is a whole Deflate
+/// stream with the right checksum, as long as its pixels need (the last strip may be longer). Other
 /// compressions pass. Contract: check_tiff has passed.
-void check_deflated(const std::filesystem::path& path, std::uintmax_t file_bytes);
+void check_deflated(const std::filesystem::path& path, std::uintmax_t file_bytes,
+                    std::uint64_t directory);
 
 }  // namespace malus::internal
