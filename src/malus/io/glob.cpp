@@ -1,5 +1,7 @@
 #include "malus/io/internal/glob.h"
 
+#include "malus/io/frame_stack.h"
+
 #include <algorithm>
 #include <cctype>
 #include <system_error>
@@ -54,7 +56,7 @@ bool natural_less(std::string_view a, std::string_view b) {
 std::vector<fs::path> expand_glob(const fs::path& folder, const std::string& pattern) {
   std::error_code ignored;
   const fs::path literal = folder / pattern;  // an absolute pattern replaces the folder
-  if (fs::exists(literal, ignored)) return {literal};
+  if (fs::exists(literal, ignored) || frame_place(literal).index) return {literal};
   const std::string full = fs::path(pattern).is_absolute() || folder.empty()
                                ? pattern
                                : escaped(folder.string()) + "/" + pattern;

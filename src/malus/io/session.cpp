@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <array>
 #include <map>
-#include <system_error>
 #include <tuple>
 
 #include <fmt/format.h>
@@ -67,14 +66,22 @@ void parse_levels(const ConfigSection& section, SensorDescription& sensor) {
                  "give one number, or one per channel in mosaic order");
 }
 
-std::vector<fs::path> find_files(const ConfigSection& section, const fs::path& folder,
-                                 bool check_files) {
-  std::vector<fs::path> files;
+// How the paths of a session are looked for.
+struct FileSearch {
+  fs::path folder;
+  bool check_files = true;  // else paths stay as written
+  bool headerless = false;
+};
+
+// The frames of stacks each by their own names.
+std::vector<fs::path> find_frames(const ConfigSection& section, const FileSearch& search) {
+  const fs::path& folder = search.folder;
+  std::vector<fs::path> frames;
   for (const std::string& pattern : section.texts("paths")) {
     if (pattern.empty() || pattern.find('\0') != std::string::npos)
       section.fail("paths", "holds an empty name", "name files or patterns such as bias/*.tif");
-    if (!check_files) {
-      files.emplace_back(pattern);
+    if (!search.check_files) {
+      frames.emplace_back(pattern);
       continue;
     }
     const auto found = internal::expand_glob(folder, pattern);
@@ -82,11 +89,14 @@ std::vector<fs::path> find_files(const ConfigSection& section, const fs::path& f
       section.fail(
           "paths", fmt::format("has \"{}\", which no file matches", pattern),
           fmt::format("patterns are relative to {}", folder.empty() ? "." : folder.string()));
-    for (const fs::path& file : found) internal::require_file(file);
-    files.insert(files.end(), found.begin(), found.end());
+    for (const fs::path& file : found) {
+      internal::require_file(frame_place(file).file);
+      const auto own = frame_names(file, search.headerless);
+      frames.insert(frames.end(), own.begin(), own.end());
+    }
   }
-  if (files.empty()) section.fail("paths", "is missing", "write paths = [\"bias/*.tif\"]");
-  return files;
+  if (frames.empty()) section.fail("paths", "is missing", "write paths = [\"bias/*.tif\"]");
+  return frames;
 }
 
 // Sets that a file cannot be part of together: calibration would take one measurement for two, and
@@ -100,16 +110,16 @@ bool exclude_each_other(FrameKind a, FrameKind b) {
   return a == b || (measures(a) && measures(b));
 }
 
-// The files of a session so far, links followed.
-class NamedFiles {
+// The frames of a session so far, links followed.
+class NamedFrames {
  public:
-  explicit NamedFiles(bool on_disk) : on_disk_(on_disk) {}
+  explicit NamedFrames(bool on_disk) : on_disk_(on_disk) {}
 
   // A frame counted twice has no noise against itself.
   void refuse_again(const ConfigSection& section, const FrameGroup& group) {
     std::map<fs::path, fs::path> own;
     for (const fs::path& file : group.paths) {
-      const fs::path real = real_path(file);
+      const fs::path real = on_disk_ ? frame_identity(file) : file.lexically_normal();
       const auto [first, is_new] = own.emplace(real, file);
       if (!is_new) fail(section, file, first->second, "");
       const auto [begin, end] = others_.equal_range(real);
@@ -127,12 +137,6 @@ class NamedFiles {
     fs::path written;
   };
 
-  fs::path real_path(const fs::path& file) const {
-    std::error_code error;
-    const fs::path real = on_disk_ ? fs::canonical(file, error) : fs::path();
-    return real.empty() || error ? file.lexically_normal() : real;
-  }
-
   [[noreturn]] static void fail(const ConfigSection& section, const fs::path& file,
                                 const fs::path& before, const std::string& where) {
     const bool same = file.lexically_normal() == before.lexically_normal();
@@ -147,7 +151,7 @@ class NamedFiles {
   std::multimap<fs::path, Named> others_;
 };
 
-FrameGroup parse_group(const ConfigSection& section, const fs::path& folder, bool check_files) {
+FrameGroup parse_group(const ConfigSection& section, const FileSearch& search) {
   section.require_known({"kind", "gain_db", "iso", "exposure_s", "level", "paths"});
   FrameGroup group;
   group.kind = parse_frame_kind(section);
@@ -158,7 +162,7 @@ FrameGroup parse_group(const ConfigSection& section, const fs::path& folder, boo
   if (const auto fault = fault_of({group.gain, group.exposure_s}, group.kind == FrameKind::kBias))
     section.fail(fault->key, fault->problem, fault->remedy);
   group.level = section.whole_number("level", 0, kLargestLevel);
-  group.paths = find_files(section, folder, check_files);
+  group.paths = find_frames(section, search);
   return group;
 }
 
@@ -169,9 +173,10 @@ Session session_of(const ConfigSection& file, const fs::path& source, const fs::
   Session session;
   session.source = source;
   if (const auto sensor = file.section("sensor")) session.sensor = parse_sensor(*sensor);
-  NamedFiles named(check_files);
+  const FileSearch search{folder, check_files, session.sensor.raw_format.has_value()};
+  NamedFrames named(check_files);
   for (const auto& section : file.sections("frames")) {
-    session.groups.push_back(parse_group(section, folder, check_files));
+    session.groups.push_back(parse_group(section, search));
     named.refuse_again(section, session.groups.back());
   }
   return session;

@@ -66,9 +66,10 @@ struct FrameGroup {
   GainSetting gain;
   std::optional<double> exposure_s;
   std::optional<int> level;
-  std::vector<std::filesystem::path>
-      paths;            ///< existing files, absolute or relative to the process
-  CameraSettings told;  ///< what the first file says of itself: with_settings_of_files
+  /// Existing files, or frames of stacks by their names (frame_stack.h), absolute or relative to
+  /// the process.
+  std::vector<std::filesystem::path> paths;
+  CameraSettings told;  ///< what the first frame says of itself: with_settings_of_files
 };
 
 struct Session {
@@ -77,12 +78,13 @@ struct Session {
   std::filesystem::path source;  ///< the session file, for messages
 };
 
-/// Reads and checks everything that can be checked without opening frames; globs (* ? [..] in any
-/// part of a path) are sorted by number ("f2" before "f10"). Throws InputError that names the key
-/// or pattern: unknown keys and names (with the nearest), wrong types, non-positive or non-finite
-/// numbers, black >= white, a negative black of headerless frames, a gain beyond 100 dB, both
-/// gain_db and iso, no [[frames]], a pattern without a match, a file that is named twice (links
-/// followed) in sets that cannot share it.
+/// Reads and checks everything that can be checked without reading pixels; globs (* ? [..] in any
+/// part of a path) are sorted by number ("f2" before "f10"). A path may be one of a file, else of
+/// a stack's frame, stack.tif[3], else a glob; a stack counts as its frames. Throws InputError that
+/// names the key or pattern: unknown keys and names (with the nearest), wrong types, non-positive
+/// or non-finite numbers, black >= white, a negative black of headerless frames, a gain beyond 100
+/// dB, both gain_db and iso, no [[frames]], a pattern without a match, a frame that is named twice
+/// (links followed) in sets that cannot share it; and as count_frames.
 Session load_session(const std::filesystem::path& path);
 
 /// Its [sensor] section alone: the file may have no [[frames]], and theirs need not exist.

@@ -17,7 +17,8 @@ namespace malus {
 /// A .npy file's bytes: float32, [channel, row, column].
 std::string npy_bytes(const Planes& planes);
 
-/// Existing files that match a pattern with * ? [..], relative to folder, in counting order.
+/// Existing files that match a pattern with * ? [..], relative to folder, in counting order; a
+/// stack's frame, stack.npy[3], by its name.
 std::vector<std::filesystem::path> files_matching(const std::filesystem::path& folder,
                                                   const std::string& pattern);
 
