@@ -24,5 +24,8 @@ document() {
   echo "input or the machine is at fault; 2 wrong usage: flags that exclude each other, or a value that is wrong whatever the files"
   echo "hold; 130 stopped by SIGTERM, or by Ctrl-C as a shell sees it: the program then ends by SIGINT itself, so that a shell's loop"
   echo "ends with it. Outputs appear whole or not at all; those that exist are replaced with \`--force\` only."
+  echo
+  echo "A file that holds several frames, a [stack](session.md#stacks), counts as its frames where a command takes several, and"
+  echo "results are named by them: \`stack_000_denoised.tif\`. \`stack.tif[3]\` names one of them, counted from 0."
   document
 } > docs/commands.md

@@ -95,6 +95,7 @@ nlohmann::ordered_json findings_json(const Findings& findings) {
   Json json = {{"file", frame.source},
                {"rows", info.rows},
                {"cols", info.cols},
+               {"frames_in_file", info.frames_in_file},
                {"format", info.format},
                {"sample", info.sample},
                {"bits", frame.bits},

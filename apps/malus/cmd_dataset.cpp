@@ -13,6 +13,7 @@
 #include "malus/noise/model.h"
 #include "malus/synthesize/dataset.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -65,7 +66,10 @@ Plan load_plan(const fs::path& path) {
     const auto found = files_matching(path.parent_path(), pattern);
     if (found.empty())
       root.fail("clean", fmt::format("\"{}\" matches no file", pattern), "check the pattern");
-    plan.cleans.insert(plan.cleans.end(), found.begin(), found.end());
+    for (const fs::path& file : found) {
+      const auto frames = frame_names(file);
+      plan.cleans.insert(plan.cleans.end(), frames.begin(), frames.end());
+    }
   }
   if (plan.cleans.empty()) root.fail("clean", "is missing", "name clean mosaics in DN above black");
   plan.black_dn = root.numbers("black");
@@ -175,16 +179,28 @@ struct Factory {
   }
 };
 
+// Of the files that the frames are in.
+std::map<fs::path, std::string> fingerprints_of(const std::vector<fs::path>& frames) {
+  std::vector<fs::path> files;
+  for (const fs::path& frame : frames) files.push_back(frame_place(frame).file);
+  std::sort(files.begin(), files.end());
+  files.erase(std::unique(files.begin(), files.end()), files.end());
+  std::vector<std::string> prints(files.size());
+  parallel_for(0, std::ssize(files), 1, [&](std::ptrdiff_t from, std::ptrdiff_t to) {
+    for (auto i = static_cast<std::size_t>(from); i < static_cast<std::size_t>(to); ++i)
+      prints[i] = file_fingerprint(files[i]);
+  });
+  std::map<fs::path, std::string> by_file;
+  for (std::size_t i = 0; i < files.size(); ++i) by_file.emplace(files[i], prints[i]);
+  return by_file;
+}
+
 // Everything that the pixels follow from. Files are named without their folders, which may be moved
 // between two runs, and told apart by their content: a picture that was made anew under its name
 // usually has the same size, and copies have other times. Each is read once more for that, which is
 // what one or two samples of it cost.
 Json dataset_json(const Plan& plan, const Factory& factory) {
-  std::vector<std::string> prints(plan.cleans.size());
-  parallel_for(0, std::ssize(plan.cleans), 1, [&](std::ptrdiff_t from, std::ptrdiff_t to) {
-    for (auto i = static_cast<std::size_t>(from); i < static_cast<std::size_t>(to); ++i)
-      prints[i] = file_fingerprint(plan.cleans[i]);
-  });
+  const std::map<fs::path, std::string> prints = fingerprints_of(plan.cleans);
   const NoiseModel& description = factory.camera->camera();
   Json json{{"model", plan.model},
             {"model_fingerprint",  // none: built in
@@ -198,9 +214,9 @@ Json dataset_json(const Plan& plan, const Factory& factory) {
             {"dataset", settings_json(plan.dataset)},
             {"noise", settings_json(plan.noise)},
             {"clean", Json::array()}};
-  for (std::size_t i = 0; i < prints.size(); ++i)
+  for (const fs::path& clean : plan.cleans)
     json["clean"].push_back(
-        {{"file", plan.cleans[i].filename().string()}, {"fingerprint", prints[i]}});
+        {{"file", clean.filename().string()}, {"fingerprint", prints.at(frame_place(clean).file)}});
   return json;
 }
 

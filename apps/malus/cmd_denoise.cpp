@@ -248,8 +248,14 @@ class DenoiseRun {
 // What no file could make go together.
 void check_usage(const DenoiseArguments& arguments) {
   if (arguments.uncertainty) check_states_error("--uncertainty", arguments.settings.method);
+}
+
+// A stack's frames are denoised one by one.
+void take_frames(DenoiseArguments& arguments, const FrameOptions& options) {
+  arguments.inputs = frames_of_inputs(arguments.inputs, options);
+  arguments.references = frames_of_inputs(arguments.references, {});
   if (!arguments.references.empty() && arguments.references.size() != arguments.inputs.size())
-    throw CLI::ValidationError("--reference", "one file per RAW, in the same order");
+    throw CLI::ValidationError("--reference", "one frame per RAW, in the same order");
 }
 
 // One frame's record where one was asked for, else those of the frames that were finished.
@@ -264,14 +270,15 @@ void print_records(const DenoiseArguments& arguments, const std::vector<FrameRec
   print_result(common, arguments.inputs.size() == 1 ? all.front() : Json{{"frames", all}}, text);
 }
 
-void run_denoise(const DenoiseArguments& arguments, const Common& common) {
+void run_denoise(DenoiseArguments arguments, const Common& common) {
   check_usage(arguments);
+  const FrameOptions options = arguments.raw.resolve();
+  take_frames(arguments, options);
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
   if (!denoiser.precision_complaint().empty()) warn(denoiser.precision_complaint());
   denoiser.require_used(given_settings<InferenceSettings>(*arguments.command));
   check_result_flags(arguments, denoiser.target());
   std::optional<NoiseModel> model;
-  const FrameOptions options = arguments.raw.resolve();
   if (!arguments.model.empty()) model = load_model(arguments.model);
   const OutputFolder output(arguments.folder);
   const std::vector<OutputNames> names =

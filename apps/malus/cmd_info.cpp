@@ -53,6 +53,8 @@ std::string findings_text(const Findings& findings) {
   line("size", fmt::format("{} x {} pixels, {}, {}", info.cols, info.rows, info.format,
                            frame.bits > 0 ? fmt::format("{} bits in {}", frame.bits, info.sample)
                                           : info.sample));
+  if (info.frames_in_file > 1)
+    line("frames", fmt::format("{} in the file; this is one of them", info.frames_in_file));
   if (!info.camera.empty()) line("camera", info.camera);
   line("layout", frame.layout.name() + origin(frame.layout_known));
   line("black", black_text(frame) + origin(frame.black_known));
@@ -92,16 +94,20 @@ void add_info(CLI::App& app, Common& common) {
         Json frames = Json::array();
         std::string text;
         for (const auto& file : arguments->files) {
-          const Findings findings = findings_of(load_frame_info(file, options));
+          const auto frame = first_frame(file, options.raw_format.has_value());
+          const Findings findings = findings_of(load_frame_info(frame, options));
           for (const auto& warning : findings.warnings)
-            warn(fmt::format("{}: {}", file.string(), warning));
+            warn(fmt::format("{}: {}", frame.string(), warning));
           frames.push_back(findings_json(findings));
           if (!text.empty()) text += '\n';
           text += findings_text(findings);
         }
         print_result(common, frames.size() == 1 ? frames[0] : Json{{"frames", frames}}, text);
       });
-  command->add_option("FILE", arguments->files, "raw frames")->required();
+  command
+      ->add_option("FILE", arguments->files,
+                   "raw frames; of a stack the first, or the one that is named: stack.tif[3]")
+      ->required();
   arguments->raw.add_to(*command);
 }
 

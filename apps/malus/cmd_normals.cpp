@@ -169,8 +169,9 @@ std::string conventions_text(const NormalSettings& settings) {
                                    : "the one pointing " + settings.azimuth);
 }
 
-void run_normals(const NormalsArguments& arguments, const Common& common) {
+void run_normals(NormalsArguments arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
+  arguments.inputs = frames_of_inputs(arguments.inputs, options);
   const OutputFolder output(arguments.folder);
   const std::vector<fs::path> besides = {arguments.mask, arguments.reference};
   const auto data = output_names(arguments.inputs, arguments.folder, "_normals.exr", besides);

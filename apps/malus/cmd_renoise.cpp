@@ -88,14 +88,16 @@ RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& mod
   return out;
 }
 
-void run_renoise(const RenoiseArguments& arguments, const Common& common) {
+void run_renoise(RenoiseArguments arguments, const Common& common) {
+  const FrameOptions options = arguments.raw.resolve();
+  arguments.inputs = frames_of_inputs(arguments.inputs, options);
+  arguments.guides = frames_of_inputs(arguments.guides, {});
   if (!arguments.guides.empty() && arguments.guides.size() != arguments.inputs.size())
     throw CLI::ValidationError("--guide", "one per frame, in the same order");
   const NoiseModel model = load_model(arguments.model);
   const GainSetting from = model.setting_of(arguments.from), to = model.setting_of(arguments.to);
   require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
   warn_of_untold_gain(model, arguments.model, {from, to});
-  const FrameOptions options = arguments.raw.resolve();
   if (!arguments.as_float)
     check_integers_of_camera(model, arguments.model, to, GainRange::kCalibratedOnly);
   LevelCoverage coverage;

@@ -219,13 +219,19 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
 void check_usage(const StokesArguments& arguments) {
   if (arguments.confidence() && arguments.full)
     throw CLI::ValidationError("--full", "confidence is known per cell only: leave it out");
-  if (!arguments.variance.empty() && arguments.variance.size() != arguments.inputs.size())
-    throw CLI::ValidationError("--variance", "one file per RAW, in the same order");
 }
 
-void run_stokes(const StokesArguments& arguments, const Common& common) {
+// A stack's frames are taken one by one.
+void take_frames(StokesArguments& arguments, const FrameOptions& options) {
+  arguments.inputs = frames_of_inputs(arguments.inputs, options);
+  if (!arguments.variance.empty() && arguments.variance.size() != arguments.inputs.size())
+    throw CLI::ValidationError("--variance", "one file per frame of RAW, in the same order");
+}
+
+void run_stokes(StokesArguments arguments, const Common& common) {
   check_usage(arguments);
   const FrameOptions options = arguments.raw.resolve();
+  take_frames(arguments, options);
   std::optional<NoiseModel> model;
   if (!arguments.model.empty()) model = load_model(arguments.model);
   const OutputFolder output(arguments.folder);

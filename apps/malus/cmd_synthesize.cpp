@@ -195,10 +195,11 @@ std::string black_text(const std::vector<double>& black_dn) {
       "{:g}", fmt::join(black_dn.begin(), equal ? black_dn.begin() + 1 : black_dn.end(), ", "));
 }
 
-void run_synthesize(const SynthesizeArguments& arguments, const Common& common) {
+void run_synthesize(SynthesizeArguments arguments, const Common& common) {
+  const auto gain = gain_of(arguments);
+  arguments.inputs = frames_of_inputs(arguments.inputs, arguments.raw.resolve());
   require_numbers_left("--first-frame", arguments.first_frame,
                        std::ssize(arguments.inputs) * std::int64_t{arguments.frames});
-  const auto gain = gain_of(arguments);
   const FrameSource source = source_of(arguments, gain);
   const OutputFolder folder(arguments.folder);
   const auto plans = plan_noisy_files(arguments, common.force);

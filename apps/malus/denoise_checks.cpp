@@ -85,8 +85,9 @@ std::vector<fs::path> existing_apart(const std::vector<fs::path>& files,
   std::vector<fs::path> apart;
   for (const fs::path& path : files)
     if (fs::is_regular_file(path, unknown) &&
-        std::none_of(others.begin(), others.end(),
-                     [&](const fs::path& other) { return fs::equivalent(path, other, unknown); }))
+        std::none_of(others.begin(), others.end(), [&](const fs::path& other) {
+          return fs::equivalent(path, frame_place(other).file, unknown);
+        }))
       apart.push_back(path);
   return apart;
 }

@@ -9,7 +9,6 @@
 #include <cmath>
 #include <map>
 #include <memory>
-#include <system_error>
 
 #include "frame_input.h"
 #include "noise_stand_in.h"
@@ -30,10 +29,9 @@ NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& op
 // Noise compared with itself is the same, and a frame that counts twice, or is the clean one,
 // makes two samples of one.
 void require_each_once(const NoiseArguments& arguments) {
-  std::map<fs::path, std::string> seen;  // by file, links followed
+  std::map<fs::path, std::string> seen;  // by frame, links followed
   const auto take = [&](const fs::path& path, const char* what) {
-    std::error_code unknown;
-    const auto [first, is_new] = seen.emplace(fs::weakly_canonical(path, unknown), what);
+    const auto [first, is_new] = seen.emplace(frame_identity(path), what);
     if (!is_new)
       throw InputError(path.string(),
                        fmt::format("is given twice, as {} and as {}: its noise would be compared "
@@ -183,10 +181,13 @@ void warn_of_fixed_pattern(const NoiseComparison& c, const NoiseArguments& argum
 
 }  // namespace
 
-void run_noise_comparison(const NoiseArguments& arguments, const RawOptions& raw,
+void run_noise_comparison(const NoiseArguments& given, const RawOptions& raw,
                           const Common& common) {
-  require_each_once(arguments);
   FrameOptions options = raw.resolve();
+  NoiseArguments arguments = given;
+  arguments.reference = frames_of_inputs(given.reference, options);
+  arguments.test = frames_of_inputs(given.test, options);
+  require_each_once(arguments);
   std::optional<StandIn> stand_in;
   if (!arguments.model.empty()) {
     stand_in = stand_in_for(arguments);

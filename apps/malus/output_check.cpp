@@ -22,7 +22,8 @@ bool names_one_of(const fs::path& path, const std::vector<fs::path>& others) {
   std::error_code unknown;
   const fs::path whole = fs::weakly_canonical(fs::absolute(path), unknown);
   return std::any_of(others.begin(), others.end(), [&](const fs::path& other) {
-    return !other.empty() && fs::weakly_canonical(fs::absolute(other), unknown) == whole;
+    const fs::path file = frame_place(other).file;
+    return !file.empty() && fs::weakly_canonical(fs::absolute(file), unknown) == whole;
   });
 }
 

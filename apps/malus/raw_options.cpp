@@ -68,7 +68,23 @@ FrameOptions RawOptions::resolve() const {
       frame_options({.sensor = load_sensor(session_), .groups = {}, .source = {}}, FrameGroup()));
 }
 
-std::string stem_of(const std::filesystem::path& input) { return input.stem().string(); }
+std::vector<std::filesystem::path> frames_of_inputs(
+    const std::vector<std::filesystem::path>& inputs, const FrameOptions& options) {
+  std::vector<std::filesystem::path> frames;
+  std::error_code unknown;
+  for (const std::filesystem::path& input : inputs) {
+    const bool is_there = std::filesystem::exists(frame_place(input).file, unknown);
+    const auto own = frame_names(input, options.raw_format.has_value() || !is_there);
+    frames.insert(frames.end(), own.begin(), own.end());
+  }
+  return frames;
+}
+
+std::string stem_of(const std::filesystem::path& input) {
+  const FramePlace place = frame_place(input);
+  const std::string stem = place.file.stem().string();
+  return place.index ? fmt::format("{}_{:03}", stem, *place.index) : stem;
+}
 
 std::vector<std::filesystem::path> output_names(
     const std::vector<std::filesystem::path>& inputs, const std::filesystem::path& folder,
@@ -79,7 +95,8 @@ std::vector<std::filesystem::path> output_names(
   std::error_code no_path;
   for (const auto& list : {inputs, read_besides})
     for (const auto& path : list)
-      if (!path.empty()) read.insert(std::filesystem::weakly_canonical(path, no_path));
+      if (!path.empty())
+        read.insert(std::filesystem::weakly_canonical(frame_place(path).file, no_path));
   std::map<std::filesystem::path, std::filesystem::path> writer;
   for (const auto& input : inputs) {
     const auto name = folder / (stem_of(input) + suffix);

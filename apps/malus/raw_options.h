@@ -34,7 +34,14 @@ class RawOptions {
   std::filesystem::path session_;
 };
 
-/// The name without its last ending: `a/b.raw.png` -> `b.raw`.
+/// The frames of the inputs (frame_names, malus/io/frame_stack.h), a stack's each by its own name.
+/// options tell whether they are headerless. A file that is not there counts as one frame, so that
+/// usage is checked before files are: its reader says so. Throws InputError.
+std::vector<std::filesystem::path> frames_of_inputs(
+    const std::vector<std::filesystem::path>& inputs, const FrameOptions& options);
+
+/// The name without its last ending: `a/b.raw.png` -> `b.raw`; of a stack's frame with its index:
+/// `a/b.npy[7]` -> `b_007`.
 std::string stem_of(const std::filesystem::path& input);
 
 /// One output name per input: folder / (<stem> + suffix), e.g. suffix "_denoised.tif". Throws
