@@ -65,7 +65,7 @@ py::object info(const py::object& raw, const std::optional<std::string>& layout,
     const FrameOptions options = options_of(layout, black, white, raw_format, size);
     const auto path = raw.cast<std::filesystem::path>();
     const py::gil_scoped_release release;
-    looked = load_frame_info(path, options);
+    looked = load_frame_info(first_frame(path, raw_format.has_value()), options);
   } else {
     if (raw_format || size)
       throw InputError(raw_format ? "raw_format" : "size", "is of a headerless file",
@@ -311,12 +311,24 @@ void bind_frames(py::module_& m) {
   m.def("unpack", &unpacked, py::arg("planes"), py::arg("layout"),
         "The mosaic of such planes: whole cells.");
   m.def(
+      "frames",
+      [](const std::filesystem::path& path) {
+        const py::gil_scoped_release release;
+        return frame_names(path);
+      },
+      py::arg("path"),
+      "The frames of a file, in order: of a stack (TIFF of several pages, .npy of (frame, row, "
+      "column), FITS cube) their names, stack.tif[0] and on, which load_frame and info take; else "
+      "the path itself. Only headers are read.");
+  m.def(
       "info", &info, py::arg("raw"), py::arg("layout") = py::none(), py::arg("black") = py::none(),
       py::arg("white") = py::none(), py::kw_only(), py::arg("raw_format") = py::none(),
       py::arg("size") = py::none(),
       "What `malus info --json` tells of a frame: the path of one (other arguments as load_frame "
-      "takes them), a Frame, or an array.\n\n"
-      "dict of layout, black, white and whether each is known or assumed, bits, exposure_s, "
+      "takes them; of a stack the first frame, or the one that is named), a Frame, or an "
+      "array.\n\n"
+      "dict of layout, black, white and whether each is known or assumed, bits, frames_in_file, "
+      "exposure_s, "
       "gain_db, iso; per channel mean, minimum, maximum [DN], saturated_share, below_black_share, "
       "noise_sd [DN, None where the scene decides nothing]; value_grid (how integers fill their "
       "type), layout_check (as check_layout, and the declared pairing), nonfinite_pixels, "
@@ -325,7 +337,8 @@ void bind_frames(py::module_& m) {
         py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
         py::arg("raw_format") = py::none(), py::arg("size") = py::none(),
         "Reads TIFF, PNG, BMP, PGM, EXR, FITS, .npy or camera raw into a Frame: DN exactly as "
-        "stored. layout, black (one number, or one per channel), white [DN] win over what the file "
+        "stored. One frame of a stack is named stack.tif[3], counted from 0. layout, black (one "
+        "number, or one per channel), white [DN] win over what the file "
         "says, but that floats are above black already, and where a denoised file is saturated, is "
         "believed, with a warning. A headerless file needs raw_format (mono8, mono10p, mono12p, "
         "mono12packed, mono16) "
