@@ -64,9 +64,18 @@ TEST(AcrossFrames, ARealChangeIsFoundAsItIs) {
   for (const double real : {0.5, 1.0, 3.0}) {
     const Found some = found(real);
     EXPECT_NEAR(some.variance.mean() / (real * real), 1, 0.06) << real;
-    if (real < 1) continue;  // there the projection takes from the correlations too
-    EXPECT_NEAR(some.covariance.mean() / (0.5 * real * real), 1, 0.1) << real;
+    // Half as large as the sampling error it was 0.43 of the truth, and as large 0.87.
+    EXPECT_NEAR(some.covariance.mean() / (0.5 * real * real), 1, real < 1 ? 0.25 : 0.06) << real;
   }
+}
+
+// Channels whose deviation is not significant do not change, and get nothing of the others'.
+TEST(AcrossFrames, WhatIsNotSignificantDoesNotChange) {
+  FrameSeries series = drawn(3, 1);
+  for (auto& frame : series) frame[2] = frame[3] = -frame[2] + 3;
+  const ChannelStatistics s = deviation_statistics(series, SquareMatrix::identity(kChannels));
+  for (const std::size_t c : {2u, 3u}) EXPECT_EQ(s.spread[c], 0.0);
+  EXPECT_GT(s.spread[0], 0.0);
 }
 
 TEST(AcrossFrames, TheVariancesSumUpToWhatSamplingLeaves) {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -23,29 +24,53 @@ double mean_variance(double scatter, double sampling, std::size_t frames, double
   return per_frame / (kept * static_cast<double>(frames));
 }
 
-// Roots of what sampling leaves of the variances, negative ones as 0. That adds to their sum where
-// they are all sampling error, and the sum is what is known best: the others are made smaller until
-// it is as it was.
-std::vector<double> real_deviations(const SquareMatrix& remaining) {
-  double sum = 0, positive = 0;
-  for (int c = 0; c < remaining.n; ++c) {
-    sum += remaining(c, c);
-    positive += std::max(remaining(c, c), 0.0);
-  }
-  const double share = positive > 0 ? std::max(sum, 0.0) / positive : 0.0;
-  std::vector<double> deviations;
-  for (int c = 0; c < remaining.n; ++c)
-    deviations.push_back(std::sqrt(share * std::max(0.0, remaining(c, c))));  // no -0
-  return deviations;
+double trace_of(const SquareMatrix& matrix) {
+  double sum = 0;
+  for (int c = 0; c < matrix.n; ++c) sum += matrix(c, c);
+  return sum;
 }
 
-// The projection only ever adds to variances, so it gives the correlations alone.
+// The nearest positive semi-definite matrix of the same trace in the Frobenius norm; zero where
+// that is not positive. The one number that the projection onto a simplex takes off all eigenvalues
+// (Held, Wolfe, Crowder, Math. Programming 6, 1974) is found by bisection.
+SquareMatrix nearest_of_same_trace(const SquareMatrix& symmetric) {
+  constexpr int kHalvings = 60;
+  const double trace = trace_of(symmetric);
+  if (!(trace > 0)) return SquareMatrix(symmetric.n);
+  const auto less = [&](double taken) {
+    SquareMatrix rest = symmetric;
+    for (int c = 0; c < rest.n; ++c) rest(c, c) -= taken;
+    return nearest_semidefinite(rest);
+  };
+  double low = 0, high = trace_of(less(0));  // what stays falls from above the trace to nothing
+  for (int i = 0; i < kHalvings; ++i) {
+    const double middle = 0.5 * (low + high);
+    (trace_of(less(middle)) > trace ? low : high) = middle;
+  }
+  return less(low);
+}
+
+bool unchanging(const SquareMatrix& covariance, int channel) {
+  for (int c = 0; c < covariance.n; ++c)
+    if (covariance(channel, c) != 0) return false;
+  return true;
+}
+
+// What sampling leaves of variances and covariances is right in the mean, but has negative
+// eigenvalues. To cut them off adds to the variances, and takes from the correlations by as much;
+// so the sum of the variances, which is what is known best, stays as it is.
 void take_sampling_out(ChannelStatistics& statistics, const SquareMatrix& sampling) {
-  SquareMatrix& covariance = statistics.covariance;
-  for (std::size_t i = 0; i < covariance.values.size(); ++i)
-    covariance.values[i] -= sampling.values[i];
-  statistics.spread = real_deviations(covariance);
-  covariance = covariance_of(correlation_of(nearest_semidefinite(covariance)), statistics.spread);
+  SquareMatrix remaining = std::move(statistics.covariance);
+  for (std::size_t i = 0; i < remaining.values.size(); ++i)
+    remaining.values[i] -= sampling.values[i];
+  SquareMatrix& real = statistics.covariance;
+  real = nearest_of_same_trace(remaining);
+  for (int a = 0; a < real.n; ++a)
+    for (int b = 0; b < real.n; ++b)  // without what rounding leaves there
+      if (unchanging(remaining, a) || unchanging(remaining, b)) real(a, b) = 0;
+  statistics.spread.clear();
+  for (int c = 0; c < real.n; ++c)
+    statistics.spread.push_back(std::sqrt(real(c, c) = std::max(real(c, c), 0.0)));
 }
 
 }  // namespace

@@ -15,9 +15,9 @@ using FrameSeries = std::vector<std::vector<double>>;
 /// change from frame to frame and each frame's sampling error. With fewer than 20 frames scatter is
 /// itself uncertain: the standard error is never below what the sampling error gives.
 /// sampling: covariance of one frame's estimates around that frame's true parameters. The result's
-/// covariance is that of the true parameters: sampling removed, correlations of the nearest
-/// positive semi-definite matrix. spread is the root of its diagonal, whose sum sampling alone
-/// makes 0 in the mean (negative sums are 0). kept: 1 - 1/N where the mean of the N frames was
+/// covariance is that of the true parameters: the nearest positive semi-definite matrix to what
+/// sampling leaves, of the same trace (which sampling alone makes 0 in the mean; negative ones are
+/// 0). spread is the root of its diagonal. kept: 1 - 1/N where the mean of the N frames was
 /// taken off each before its variances were measured: N such frames tell as much as N - 1
 /// independent ones (two are mirror images). 1 where every frame stands for itself.
 ChannelStatistics frame_statistics(const FrameSeries& values, const SquareMatrix& sampling,
