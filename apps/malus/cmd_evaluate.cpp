@@ -205,12 +205,19 @@ Json number(const Estimate<double>& value) {
   return value && std::isfinite(*value) ? Json(*value) : Json();
 }
 
+Json with_psnr(const Estimate<double>& psnr_db, Json others = Json::object()) {
+  Json json{{"psnr", number(psnr_db)}};
+  json.update(others);
+  if (psnr_db && std::isinf(*psnr_db)) json["equal"] = true;
+  return json;
+}
+
 Json evaluation_json(const Evaluation& e, double peak_dn) {
   Json json;
   json["peak_dn"] = peak_dn;
-  json["image"] = {{"psnr", number(e.image_psnr_db)}, {"ssim", number(e.image_ssim)}};
-  json["dolp"] = {{"psnr", number(e.dolp_psnr_db)}};
-  json["aolp"] = {{"psnr", number(e.aolp_psnr_db)}, {"circular_deg", number(e.aolp_circular_deg)}};
+  json["image"] = with_psnr(e.image_psnr_db, {{"ssim", number(e.image_ssim)}});
+  json["dolp"] = with_psnr(e.dolp_psnr_db);
+  json["aolp"] = with_psnr(e.aolp_psnr_db, {{"circular_deg", number(e.aolp_circular_deg)}});
   return json;
 }
 

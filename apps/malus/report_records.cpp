@@ -112,7 +112,11 @@ constexpr Metric kMetrics[] = {{"image", "psnr", "image PSNR", "dB"},
 double metric_of(const Json& result, const Metric& metric) {
   if (!result.contains(metric.group) || !result.at(metric.group).is_object())
     return Measured::kNone;
-  return number_of(result.at(metric.group).value(metric.key, Json()));
+  const Json& group = result.at(metric.group);
+  if (metric.key == std::string_view("psnr") && group.contains("equal") &&
+      group.at("equal") == true)
+    return std::numeric_limits<double>::infinity();
+  return number_of(group.value(metric.key, Json()));
 }
 
 bool has_metric(const std::vector<Json>& results, const Metric& metric) {

@@ -167,6 +167,20 @@ def test_evaluations_without_polarization_say_nothing_of_it(malus, tmp_path, lay
     assert len(blocks) == 1 + (columns if tests > 1 else 0)
 
 
+def test_equal_pictures_have_an_infinite_psnr_on_the_page_too(malus, tmp_path):
+    light = np.random.default_rng(5).uniform(200, 900, (64, 64)).astype(np.float32)
+    for name, noise in (("clean", 0), ("equal", 0), ("other", 20)):
+        np.save(tmp_path / f"{name}.npy", light + np.float32(noise))
+    run = malus("evaluate", "--reference", tmp_path / "clean.npy", "--test", tmp_path / "equal.npy", tmp_path / "other.npy", "--layout",
+                "polar-mono", "--white", 1000, "--json", "--report", tmp_path / "page.html")
+    for parameter in ("image", "dolp", "aolp"):
+        assert run.json["results"][0][parameter]["psnr"] is None and run.json["results"][0][parameter]["equal"] is True
+        assert "equal" not in run.json["results"][1][parameter]
+    equal, other = page_data(tmp_path / "page.html")["sections"][0]["blocks"][0]["rows"]
+    assert [cell if cell == "infinite" else cell["value"] for cell in equal["cells"]] == ["infinite", 1, "infinite", "infinite", 0]
+    assert all(cell["value"] is not None for cell in other["cells"])
+
+
 def test_pictures_of_one_name_are_told_apart_by_their_folders(malus, tmp_path):
     rng, tests = np.random.default_rng(4), []
     clean = rng.uniform(200, 900, (32, 32)).astype(np.float32)

@@ -45,7 +45,7 @@ struct FiguresBlock {
 };
 
 struct TableBlock {
-  using Cell = std::variant<std::string, Measured>;
+  using Cell = std::variant<std::string, Measured>;  ///< of an infinite value the page says so
   struct Column {
     std::string name, unit;
   };

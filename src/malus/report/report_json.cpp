@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace malus::internal {
 namespace {
@@ -23,6 +24,14 @@ Json numbers(const std::vector<double>& values) {
 
 Json measured(const Measured& measured) {
   return {{"value", json_number(measured.value)}, {"error", json_number(measured.standard_error)}};
+}
+
+// Words where a number has no digits: no metric of two pictures that are equal has any.
+Json table_cell(const TableBlock::Cell& cell) {
+  if (const auto* text = std::get_if<std::string>(&cell)) return *text;
+  const auto& value = std::get<Measured>(cell);
+  return value.value == std::numeric_limits<double>::infinity() ? Json("infinite")
+                                                                : measured(value);
 }
 
 Json optional_number(const std::optional<double>& value) { return value ? Json(*value) : Json(); }
@@ -120,10 +129,7 @@ Json table(const TableBlock& block) {
   for (const auto& row : block.rows) {
     MALUS_REQUIRE(row.cells.size() == block.columns.size());
     Json cells = Json::array();
-    for (const auto& cell : row.cells)
-      cells.push_back(std::visit(Overloaded{[](const std::string& text) { return Json(text); },
-                                            [](const Measured& m) { return measured(m); }},
-                                 cell));
+    for (const auto& cell : row.cells) cells.push_back(table_cell(cell));
     rows.push_back({{"name", row.name}, {"cells", cells}});
   }
   return {{"kind", "table"},    {"title", block.title}, {"note", block.note},
