@@ -2,6 +2,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/noise/data_sheet.h"
 #include "malus/noise/physics.h"
 
 #include <algorithm>
@@ -60,11 +61,12 @@ std::string error_cell(const ChannelStatistics& s, std::size_t c, int digits) {
   return fmt::format("{}±{:.{}f}", value_cell(s.mean, c, digits), error, digits);
 }
 
-// Means over the channels, of the values and of their standard errors where there are any.
-std::string mean_with_error(const Values& values, const Values& errors, double factor) {
-  if (errors.empty()) return fmt::format("{:.3g}", factor * mean_of(values));
-  const ChannelStatistics means{{factor * mean_of(values)}, {factor * mean_of(errors)}, {}, {}, {}};
-  return error_cell(means, 0, 3);
+// Mean over the channels of a quantity of the data sheet, in whatever unit.
+std::string mean_with_error(const char* name, const Values& values, const Values& errors,
+                            double factor) {
+  const ChannelMean mean = channel_mean({name, "", "", "", values, errors});
+  if (errors.empty()) return fmt::format("{:.3g}", factor * mean.value);
+  return error_cell({{factor * mean.value}, {factor * mean.standard_error}, {}, {}, {}}, 0, 3);
 }
 
 using Table = std::vector<std::vector<std::string>>;
@@ -138,10 +140,11 @@ void add_channels(Lines& lines, const NoiseModel& m, const PhysicsCalibration& p
   }
   add_table(lines, table);
   if (!p.dsnu_dn.empty())
-    lines.add("  fixed pattern: DSNU {} DN{}", mean_with_error(p.dsnu_dn, p.dsnu_stderr_dn, 1),
-              p.prnu.empty()
-                  ? ""
-                  : fmt::format(", PRNU {} %", mean_with_error(p.prnu, p.prnu_stderr, 100)));
+    lines.add(
+        "  fixed pattern: DSNU {} DN{}", mean_with_error("dsnu", p.dsnu_dn, p.dsnu_stderr_dn, 1),
+        p.prnu.empty()
+            ? ""
+            : fmt::format(", PRNU {} %", mean_with_error("prnu", p.prnu, p.prnu_stderr, 100)));
   if (!p.row_drift.drift.white()) lines.add("  rows drift slowly: {}", text_of(p.row_drift));
   add_warnings(lines, p.warnings, warnings);
 }

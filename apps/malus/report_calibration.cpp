@@ -84,29 +84,9 @@ NoticesBlock findings(const NoiseModel& model) {
   return notices;
 }
 
-// Whether the channels' errors are one and the same in good part: that of rows and of the frames'
-// levels, which the channels share.
-bool has_shared_error(const Quantity& quantity) {
-  return quantity.name == "temporal_dark_noise" || quantity.name == "dark_signal" ||
-         quantity.name == "dsnu";
-}
-
-// Mean over the channels. Its standard error takes the channels' errors as independent, or, where
-// they are not, is their mean, which it cannot exceed.
-Measured channel_mean(const Quantity& quantity) {
-  Moments values;
-  double errors = 0, squares = 0;
-  for (std::size_t c = 0; c < quantity.value.size(); ++c) {
-    if (!std::isfinite(quantity.value[c])) continue;
-    values.add(quantity.value[c]);
-    const double error =
-        c < quantity.standard_error.size() ? quantity.standard_error[c] : Measured::kNone;
-    errors += error;
-    squares += error * error;
-  }
-  if (values.count() == 0) return {Measured::kNone, Measured::kNone};
-  return {values.mean(), (has_shared_error(quantity) ? errors : std::sqrt(squares)) /
-                             static_cast<double>(values.count())};
+Measured measured_mean(const Quantity& quantity) {
+  const ChannelMean mean = channel_mean(quantity);
+  return {mean.value, mean.standard_error};
 }
 
 // ", mean of the channels", or of how many, where the others' value is not known.
@@ -127,7 +107,7 @@ FiguresBlock key_figures(const NoiseModel& model) {
     if (quantity.name == "overall_gain" || quantity.name == "read_noise" ||
         quantity.name == "saturation" || quantity.name == "dynamic_range")
       figures.items.push_back({quantity.description, quantity.symbol, quantity.unit,
-                               gain + mean_of_what(quantity), channel_mean(quantity)});
+                               gain + mean_of_what(quantity), measured_mean(quantity)});
   return figures;
 }
 
@@ -156,7 +136,7 @@ TableBlock sheet_over_gains(const NoiseModel& model) {
         table.rows.push_back(
             {fmt::format("{}, {} [{}]", quantity.description, quantity.symbol, quantity.unit), {}});
     for (std::size_t i = 0; i < sheet.size(); ++i)
-      table.rows[i].cells.emplace_back(channel_mean(sheet[i]));
+      table.rows[i].cells.emplace_back(measured_mean(sheet[i]));
   }
   return table;
 }

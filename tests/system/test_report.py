@@ -221,6 +221,23 @@ def test_models_that_no_page_can_be_made_of_are_refused(refused, tmp_path, name,
     assert words in refused("report", changed_model(tmp_path, name, value), "-o", tmp_path / "page.html", timeout=60)
 
 
+def test_the_text_and_the_page_give_a_mean_one_error(malus, tmp_path):
+    """Pixels of other channels are others: their PRNU's errors are independent, and that of the mean is smaller than theirs."""
+    model = changed_model(tmp_path, "physics/000/prnu", [0.01, 0.02])
+    with h5py.File(model, "r+", libver="latest") as file:
+        group = file["physics/000"]
+        for name, error in (("prnu", [0.002, 0.001]), ("dsnu", [0.02, 0.03])):
+            old = group["prnu" if name == "prnu" else "dsnu_dn"]
+            made = group.create_dataset("prnu_stderr" if name == "prnu" else "dsnu_stderr_dn", data=error)
+            made.attrs.update(dict(old.attrs))
+    text = malus("model", "show", model).out
+    assert re.search(r"PRNU 1\.50±0\.11 %", text) and re.search(r"DSNU 0\.\d\d±0\.0[23] DN", text), text
+    malus("report", model, "-o", tmp_path / "page.html")
+    tables = [b for s in page_data(tmp_path / "page.html")["sections"] for b in s["blocks"] if b["kind"] == "table" and b["title"] == "Data sheet"]
+    (prnu,) = [row for row in tables[0]["rows"] if "PRNU" in row["name"]]
+    assert prnu["cells"][0]["error"] == pytest.approx(100 * np.hypot(0.002, 0.001) / 2)
+
+
 def test_levels_without_counts_are_drawn_whole(malus, tmp_path):
     model = changed_model(tmp_path, "nonparametric/000/channels/000/samples", None)
     malus("report", model, "-o", tmp_path / "page.html")

@@ -189,6 +189,23 @@ double signal_to_noise(double signal, double dark_noise) {
   return signal / std::sqrt(dark_noise * dark_noise + signal);
 }
 
+ChannelMean channel_mean(const Quantity& quantity) {
+  const bool shared = quantity.name == "temporal_dark_noise" || quantity.name == "dark_signal" ||
+                      quantity.name == "dsnu";
+  Moments values;
+  double errors = 0, squares = 0;
+  for (std::size_t c = 0; c < quantity.value.size(); ++c) {
+    if (!std::isfinite(quantity.value[c])) continue;
+    values.add(quantity.value[c]);
+    const double error = at(quantity.standard_error, c);
+    errors += error;
+    squares += error * error;
+  }
+  if (values.count() == 0) return {kNone, kNone};
+  return {values.mean(),
+          (shared ? errors : std::sqrt(squares)) / static_cast<double>(values.count())};
+}
+
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& p) {
   const std::vector<double> read_e = read_noise_e(p), read_error = read_noise_stderr_e(p);
   Quantity K{"overall_gain", "K", "DN/e-", "overall system gain", {}, {}};

@@ -27,6 +27,16 @@ namespace malus {
 /// Saturation, dynamic range and largest SNR are NaN where saturation_is_known says no.
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& at_gain);
 
+/// Over the channels whose value is known; NaN where none is.
+struct ChannelMean {
+  double value, standard_error;
+};
+/// The mean of a quantity of the data sheet, by its name. The standard error takes the channels'
+/// errors as independent, which those of other pixels are; where they are one and the same in good
+/// part (temporal_dark_noise, dark_signal, dsnu: the channels share rows and the frames' levels) it
+/// is their mean, which it cannot exceed.
+ChannelMean channel_mean(const Quantity& quantity);
+
 /// Signal above dark [DN] that a channel saturates at, as data_sheet says.
 double saturation_level_dn(const NoiseModel& model, const PhysicsCalibration& at_gain, int channel);
 
