@@ -84,6 +84,16 @@ std::vector<double> spectrum(int lines, int length, const std::function<float(in
   return amplitude;
 }
 
+// As data_sheet says it.
+bool saturation_is_known(const PhysicsCalibration& p, int channel) {
+  bool any_below_white = false;
+  for (const PhotonTransferPoint& point : p.transfer) {
+    if (point.channel == channel && (point.saturated || point.at_white)) return true;
+    any_below_white = any_below_white || point.saturated;
+  }
+  return !any_below_white;
+}
+
 }  // namespace
 
 // EMVA 1288, "saturation capacity": where the variance has its maximum. The first level past it is
@@ -98,15 +108,6 @@ double saturation_level_dn(const NoiseModel& model, const PhysicsCalibration& p,
     if (point.channel == channel && point.saturated)
       saturation = std::min(saturation, point.mean_dn);
   return saturation;
-}
-
-bool saturation_is_known(const PhysicsCalibration& p, int channel) {
-  bool any_below_white = false;
-  for (const PhotonTransferPoint& point : p.transfer) {
-    if (point.channel == channel && (point.saturated || point.at_white)) return true;
-    any_below_white = any_below_white || point.saturated;
-  }
-  return !any_below_white;
 }
 
 bool counts_for_linearity(const PhotonTransferPoint& point, double saturation_dn) {

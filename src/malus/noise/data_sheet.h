@@ -24,7 +24,10 @@ namespace malus {
 /// takes all, and a few defects then are most of both.
 /// Saturation is the mean of the first level past the maximum of the variance, where flats show
 /// that below white (PhotonTransferPoint::saturated), else the white level; less the dark signal.
-/// Saturation, dynamic range and largest SNR are NaN where saturation_is_known says no.
+/// Saturation, dynamic range and largest SNR are NaN where a channel's flats do not tell where it
+/// saturates: they got neither past the maximum of the variance nor to white, and another channel's
+/// at this gain showed such a maximum below white. Then white is not their level, too: they only
+/// never got there.
 std::vector<Quantity> data_sheet(const NoiseModel& model, const PhysicsCalibration& at_gain);
 
 /// Over the channels whose value is known; NaN where none is.
@@ -39,11 +42,6 @@ ChannelMean channel_mean(const Quantity& quantity);
 
 /// Signal above dark [DN] that a channel saturates at, as data_sheet says.
 double saturation_level_dn(const NoiseModel& model, const PhysicsCalibration& at_gain, int channel);
-
-/// Whether a channel's flats tell where it saturates: they got past the maximum of the variance or
-/// to white, or no channel's at this gain showed such a maximum below white. Where one did, white
-/// is not the others' level, too: their flats only never got there.
-bool saturation_is_known(const PhysicsCalibration& at_gain, int channel);
 
 /// Whether a point's exposure is known and its signal lies between 5 and 95 % of saturation_dn
 /// (above dark), where EMVA 1288 judges linearity. One at white does not: its mean is of what was
