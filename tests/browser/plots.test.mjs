@@ -87,6 +87,27 @@ test("a damaged picture is told as such", { skip: noBrowser }, async (t) => {
   assert.equal(await page.locator(".viewer [role=alert]").textContent({ timeout: 10_000 }), "The pictures cannot be shown: a picture in this file is damaged");
 });
 
+test("printing draws every plot once for paper, and once for the screen when it is over", { skip: noBrowser }, async (t) => {
+  const charts = Array.from({ length: 3 }, (_, i) => chart(`Loss ${i}`, { name: "loss" }, [{ name: "a", x: [1, 2], y: [1, 2] }]));
+  const page = await open(t, pageOf(t, charts));
+  await drawAll(page);
+  // A plot for the screen asks for the page's colours, one for paper does not.
+  const asked = await page.evaluate(() => {
+    const real = window.getComputedStyle;
+    let count = 0;
+    window.getComputedStyle = (of, ...more) => {
+      if (of === document.documentElement) ++count;
+      return real(of, ...more);
+    };
+    return ["beforeprint", "afterprint"].map((name) => {
+      count = 0;
+      dispatchEvent(new Event(name));
+      return count;
+    });
+  });
+  assert.deepEqual(asked, [0, 3]);
+});
+
 test("paper is light, holds plots and tables whole, and pictures that nobody scrolled to", { skip: noBrowser }, async (t) => {
   const charts = Array.from({ length: 6 }, (_, i) => chart(`Loss ${i}`, { name: "loss" }, [{ name: "a", x: [1, 2], y: [1, 2] }, { name: "b", x: [1, 2], y: [2, 1] }]));
   const columns = Array.from({ length: 12 }, (_, i) => ({ name: `quantity ${i}`, unit: "DN/e-" }));

@@ -69,6 +69,8 @@ addEventListener("afterprint", () => (printing = false));
 /** A plot that is printed: drawn for paper at a size of its own, which the style sheet fits to the page; the page's is not known yet. */
 class PrintedPlot {
   private static readonly size = { width: 680, height: 380 };
+  /** Drawn for paper; what then changes on the screen is drawn afterwards. */
+  onPaper = false;
   constructor(private readonly plot: echarts.ECharts, private readonly chart: () => Chart, private readonly redraw: () => void) {
     addEventListener("beforeprint", () => this.begin());
     addEventListener("afterprint", () => this.end());
@@ -78,12 +80,14 @@ class PrintedPlot {
     return this.plot.getDom().querySelector("svg");
   }
   private begin(): void {
+    this.onPaper = true;
     const { width, height } = PrintedPlot.size;
     this.plot.resize({ width, height });
     this.plot.setOption(chartOption(this.chart(), kPaper, width), { notMerge: true });
     this.svg()?.setAttribute("viewBox", `0 0 ${width} ${height}`);
   }
   private end(): void {
+    this.onPaper = false;
     this.svg()?.removeAttribute("viewBox");
     this.plot.resize({ width: "auto", height: "auto" });
     this.redraw();
@@ -139,10 +143,11 @@ export function liveChart(first: Chart, wide: boolean): { root: HTMLElement; too
   );
   whenNear(canvas, () => {
     plot = echarts.init(canvas, null, { renderer: "svg" });
-    draw();
+    if (!printing) draw();
     new ResizeObserver(() => printing || plot!.resize()).observe(canvas);
-    addEventListener("malus-theme", draw);
-    new PrintedPlot(plot, () => chart, draw);
+    const printed = new PrintedPlot(plot, () => chart, draw);
+    // Printing changes the theme, too, before the plots are told and again at its end.
+    addEventListener("malus-theme", () => printing || printed.onPaper || draw());
   });
   const root = element("figure", { class: wide ? "chart wide" : "chart" }, title, canvas, element("figcaption", {}, text), tools, details);
   return { root, tools, show };
