@@ -37,32 +37,37 @@ PointSeries measured_points(const NoiseModel& model, const Law& law, int channel
   return points;
 }
 
-// What the joint model gives at the knots of a segment and between them, one series per channel.
-std::vector<PointSeries> model_curves(const JointSegment& segment, const SensorLayout& layout,
-                                      const Law& law) {
+using Curve = std::vector<GainParameters>;
+
+// What the joint model gives at the knots of a segment and between them.
+Curve model_curve(const JointSegment& segment) {
   constexpr int kPoints = 24;  // over the segment; more where it has more gains
-  std::vector<PointSeries> curves;
-  for (int channel = 0; channel < layout.channels(); ++channel) {
-    const std::string name = layout.channel_name(channel);
-    curves.push_back({.name = name + ", model", .mark = Mark::kLine, .tone = name});
-  }
-  const auto add = [&](double gain_db) {
-    const GainParameters p = joint_parameters(segment, gain_db);
-    for (std::size_t c = 0; c < curves.size(); ++c) {
-      curves[c].x.push_back(mean_of(p.K));
-      curves[c].y.push_back(law.sign * (p.*law.between)[c]);
-    }
-  };
   const std::vector<double>& knots = segment.knots_db;
-  add(knots.front());
+  Curve curve{joint_parameters(segment, knots.front())};
   for (std::size_t i = 1; i < knots.size(); ++i) {
     const int steps = 1 + kPoints / static_cast<int>(knots.size());
-    for (int k = 1; k <= steps; ++k) add(knots[i - 1] + (knots[i] - knots[i - 1]) * k / steps);
+    for (int k = 1; k <= steps; ++k)
+      curve.push_back(
+          joint_parameters(segment, knots[i - 1] + (knots[i] - knots[i - 1]) * k / steps));
   }
-  return curves;
+  return curve;
 }
 
-Chart law_chart(const NoiseModel& model, const Law& law) {
+// One law of it, one series per channel.
+void add_curves(const Curve& curve, const SensorLayout& layout, const Law& law, Chart& chart) {
+  for (int channel = 0; channel < layout.channels(); ++channel) {
+    const std::string name = layout.channel_name(channel);
+    PointSeries line{.name = name + ", model", .mark = Mark::kLine, .tone = name};
+    for (const GainParameters& p : curve) {
+      line.x.push_back(mean_of(p.K));
+      line.y.push_back(law.sign * (p.*law.between)[as_index(channel)]);
+    }
+    chart.series.emplace_back(std::move(line));
+  }
+}
+
+// curves: of the joint model's segments.
+Chart law_chart(const NoiseModel& model, const std::vector<Curve>& curves, const Law& law) {
   Chart chart{law.title + " over gain",
               "Measured values with standard errors, and what the joint model gives between them: "
               "its law (Eq. 7) with the part of the residuals that errors do not explain. "
@@ -73,12 +78,10 @@ Chart law_chart(const NoiseModel& model, const Law& law) {
   for (int channel = 0; channel < model.layout.channels(); ++channel)
     chart.series.emplace_back(measured_points(model, law, channel));
   if (!model.joint) return chart;
-  for (const JointSegment& segment : model.joint->segments) {
+  for (const JointSegment& segment : model.joint->segments)
     if (std::ranges::any_of(segment.*law.lines, &LogLinear::signed_linear))
       chart.y.scale = AxisScale::kLinear;
-    for (PointSeries& curve : model_curves(segment, model.layout, law))
-      chart.series.emplace_back(std::move(curve));
-  }
+  for (const Curve& curve : curves) add_curves(curve, model.layout, law, chart);
   return chart;
 }
 
@@ -259,7 +262,12 @@ std::vector<Block> law_plots(const NoiseModel& model) {
       {"Negative bias −μ", "−μ", "DN", &PhysicsCalibration::mu, &JointSegment::minus_mu,
        &GainParameters::mu_dn, -1}};
   if (model.physics.size() < 2) return blocks;
-  for (const Law& law : laws) blocks.emplace_back(ChartsBlock{"", {{"", law_chart(model, law)}}});
+  std::vector<Curve> curves;
+  if (model.joint)
+    for (const JointSegment& segment : model.joint->segments)
+      curves.push_back(model_curve(segment));
+  for (const Law& law : laws)
+    blocks.emplace_back(ChartsBlock{"", {{"", law_chart(model, curves, law)}}});
   return blocks;
 }
 
