@@ -66,6 +66,13 @@ void add_curves(const Curve& curve, const SensorLayout& layout, const Law& law, 
   }
 }
 
+// Whether a logarithmic axis has no place for one: a row noise of 0, a bias above it.
+bool is_shown_linearly(const Chart& chart) {
+  return std::ranges::any_of(chart.series, [](const Series& series) {
+    return std::ranges::any_of(std::get<PointSeries>(series).y, [](double y) { return y <= 0; });
+  });
+}
+
 // curves: of the joint model's segments.
 Chart law_chart(const NoiseModel& model, const std::vector<Curve>& curves, const Law& law) {
   Chart chart{law.title + " over gain",
@@ -77,6 +84,7 @@ Chart law_chart(const NoiseModel& model, const std::vector<Curve>& curves, const
               {}};
   for (int channel = 0; channel < model.layout.channels(); ++channel)
     chart.series.emplace_back(measured_points(model, law, channel));
+  if (is_shown_linearly(chart)) chart.y.scale = AxisScale::kLinear;
   if (!model.joint) return chart;
   for (const JointSegment& segment : model.joint->segments)
     if (std::ranges::any_of(segment.*law.lines, &LogLinear::signed_linear))

@@ -238,6 +238,13 @@ def test_the_text_and_the_page_give_a_mean_one_error(malus, tmp_path):
     assert prnu["cells"][0]["error"] == pytest.approx(100 * np.hypot(0.002, 0.001) / 2)
 
 
+@pytest.mark.parametrize("row_noise, scale", [([0.08, 0.1], "log"), ([0.08, 0], "linear")])
+def test_a_value_of_zero_has_its_place_among_those_over_gain(malus, tmp_path, row_noise, scale):
+    malus("report", changed_model(tmp_path, "physics/000/sigma_row/mean", row_noise), "-o", tmp_path / "page.html")
+    charts = [entry["chart"] for s in page_data(tmp_path / "page.html")["sections"] for b in s["blocks"] if b["kind"] == "charts" for entry in b["charts"]]
+    assert [chart["y"]["scale"] for chart in charts if chart["title"] == "Row noise σ_b over gain"] == [scale]
+
+
 def test_levels_without_counts_are_drawn_whole(malus, tmp_path):
     model = changed_model(tmp_path, "nonparametric/000/channels/000/samples", None)
     malus("report", model, "-o", tmp_path / "page.html")
