@@ -2,7 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
-#include "malus/base/random.h"
+#include "malus/base/pick.h"
 #include "malus/base/stopwatch.h"
 #include "malus/polar/demosaick.h"
 
@@ -19,11 +19,6 @@ namespace {
 // and the share of the makers' pace that is asked of them.
 constexpr int kSettlingSteps = ExamplePool::kMeasuringSteps / 5;
 constexpr double kShareOfPace = 0.9;
-
-std::int64_t below(RandomSequence& random, std::int64_t count) {
-  return std::min(count - 1,
-                  static_cast<std::int64_t>(random.uniform() * static_cast<double>(count)));
-}
 
 }  // namespace
 
@@ -189,7 +184,7 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
   for (int place = 0; place < shape_.places; ++place) {
     RandomSequence random(seed_, static_cast<std::uint32_t>(step), Draw::kOther,
                           static_cast<std::uint64_t>(shape_.first_place + place));
-    const std::int64_t generation = oldest + below(random, newest - oldest + 1);
+    const std::int64_t generation = oldest + pick(random, newest - oldest + 1);
     const TrainingExample& example =
         generations_[static_cast<std::size_t>(generation - first_generation_)]
             .examples[static_cast<std::size_t>(place)];
@@ -200,8 +195,8 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
                                    cols, rows, shape_.patch_cols, shape_.patch_rows),
                        "set a smaller patch in [data] (it counts mosaic pixels), or take larger "
                        "pictures");
-    const std::int64_t row0 = below(random, rows - shape_.patch_rows + 1);
-    const std::int64_t col0 = below(random, cols - shape_.patch_cols + 1);
+    const std::int64_t row0 = pick(random, rows - shape_.patch_rows + 1);
+    const std::int64_t col0 = pick(random, cols - shape_.patch_cols + 1);
     const auto cut = [&](const torch::Tensor& planes) {
       const std::int64_t scale = planes.size(1) / rows;
       return planes.slice(1, scale * row0, scale * (row0 + shape_.patch_rows))

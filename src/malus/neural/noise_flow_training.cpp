@@ -1,7 +1,7 @@
 #include "malus/neural/noise_flow_training.h"
 
 #include "malus/base/error.h"
-#include "malus/base/random.h"
+#include "malus/base/pick.h"
 #include "malus/base/stopwatch.h"
 #include "malus/image/pack.h"
 #include "malus/neural/internal/plane_tensors.h"
@@ -105,14 +105,10 @@ Batch draw_batch(const std::vector<PlanePair>& pairs, const NoiseFlowSettings& s
   RandomSequence random(seed, static_cast<std::uint32_t>(step), Draw::kFlowCrop);
   std::vector<torch::Tensor> noise, clean;
   std::vector<float> gain;
-  const auto below = [&](std::int64_t count) {
-    return std::min(static_cast<std::int64_t>(random.uniform() * static_cast<double>(count)),
-                    count - 1);
-  };
   for (int i = 0; i < settings.batch; ++i) {
-    const PlanePair& pair = pairs[static_cast<std::size_t>(below(std::ssize(pairs)))];
-    const auto row = below(pair.noise.size(1) - settings.crop + 1),
-               col = below(pair.noise.size(2) - settings.crop + 1);
+    const PlanePair& pair = pairs[static_cast<std::size_t>(pick(random, std::ssize(pairs)))];
+    const auto row = pick(random, pair.noise.size(1) - settings.crop + 1),
+               col = pick(random, pair.noise.size(2) - settings.crop + 1);
     const auto cut = [&](const torch::Tensor& t) {
       return t.slice(1, row, row + settings.crop).slice(2, col, col + settings.crop);
     };

@@ -4,6 +4,7 @@
 #include "malus/base/settings_check.h"
 #include "malus/polar/color_map.h"
 #include "malus/polar/fresnel.h"
+#include "malus/polar/internal/percentile.h"
 
 #include <algorithm>
 #include <cmath>
@@ -99,13 +100,9 @@ Direction preferred(const std::string& azimuth, const Centre& centre, int row, i
 }  // namespace
 
 Image foreground_mask(const Image& s0, double share) {
-  std::vector<float> values = s0.values();
-  std::erase_if(values, [](float v) { return !std::isfinite(v); });
   Image mask(s0.rows(), s0.cols());
-  if (values.empty()) return mask;
-  const auto rank = static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + rank, values.end());
-  const double threshold = share * values[static_cast<std::size_t>(rank)];
+  if (std::ranges::none_of(s0.values(), [](float v) { return std::isfinite(v); })) return mask;
+  const double threshold = share * internal::percentile(s0.values(), 99);
   for (std::size_t i = 0; i < mask.size(); ++i)
     mask.values()[i] = s0.values()[i] > threshold ? 1.0f : 0.0f;
   return mask;

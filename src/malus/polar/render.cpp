@@ -3,6 +3,7 @@
 #include "malus/base/parallel.h"
 #include "malus/image/finite_pixels.h"
 #include "malus/polar/color_map.h"
+#include "malus/polar/internal/percentile.h"
 #include "malus/polar/legend.h"
 
 #include <algorithm>
@@ -28,16 +29,6 @@ Planes paint(int rows, int cols, Function color) {
       }
   });
   return picture;
-}
-
-// Value below which `percent` of the finite values lie; 0 when there are none.
-double percentile(std::vector<float> values, double percent) {
-  std::erase_if(values, [](float v) { return !std::isfinite(v); });
-  if (values.empty()) return 0;
-  const auto rank = static_cast<std::ptrdiff_t>(std::min(percent / 100, 1.0) *
-                                                static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + rank, values.end());
-  return values[static_cast<std::size_t>(rank)];
 }
 
 // Of the values that share a scale, how many lie on it.
@@ -80,7 +71,8 @@ Planes render_s0(const StokesPicture& picture, const RenderSettings& settings) {
   }
   double white = 0;
   for (std::size_t i = 0; i < 3; ++i)
-    white = std::max(white, gains[i] * percentile(s0[i]->values(), settings.white_percentile));
+    white = std::max(white,
+                     gains[i] * internal::percentile(s0[i]->values(), settings.white_percentile));
   const double scale = white > 0 ? settings.brightness / white : 0;
   return paint(s0[0]->rows(), s0[0]->cols(), [&](int r, int c) {
     std::array<float, 3> rgb;
@@ -97,7 +89,7 @@ SignedPictures render_s1_s2(const StokesPlanes& stokes, const RenderSettings& se
   std::vector<float> magnitudes = stokes.s1.values();
   magnitudes.insert(magnitudes.end(), stokes.s2.values().begin(), stokes.s2.values().end());
   for (float& v : magnitudes) v = std::abs(v);
-  const double scale = percentile(std::move(magnitudes), kScalePercentile);
+  const double scale = internal::percentile(std::move(magnitudes), kScalePercentile);
   return {paint_signed(stokes.s1, scale, settings.legend),
           paint_signed(stokes.s2, scale, settings.legend), scale};
 }
@@ -117,7 +109,7 @@ std::vector<Planes> render_on_one_scale(std::span<const Image> images, bool lege
   std::vector<float> values;
   for (const Image& image : images)
     values.insert(values.end(), image.values().begin(), image.values().end());
-  const double highest = std::max(percentile(std::move(values), kScalePercentile), 1e-30);
+  const double highest = std::max(internal::percentile(std::move(values), kScalePercentile), 1e-30);
   std::vector<Planes> pictures;
   for (const Image& image : images) pictures.push_back(render_rising(image, highest, legend));
   return pictures;

@@ -5,6 +5,7 @@ set(polar_SOURCES
   fresnel.cpp
   internal/bayer.cpp
   internal/lattice.cpp
+  internal/percentile.cpp
   internal/residual_angles.cpp
   layout_check.cpp
   legend.cpp
