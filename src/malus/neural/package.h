@@ -62,11 +62,10 @@ struct PackageSettings {
                                        "noisy planes where there is none; not for pictures"});
     field(self.row_noise,
           ParameterInfo{"row_noise", "", "row noise is estimated and removed before the network"});
-    // The paper subtracts one number, the mean over the channels, and leaves their differences to
-    // the network, as synthesize --debias does.
     field(self.remove_bias, ParameterInfo{"remove_bias", "",
                                           "the model's mean bias of every channel is subtracted "
-                                          "before the network (000, 5.1)"});
+                                          "before the network (000, 5.1, and debias: the mean "
+                                          "over the channels, off all of them)"});
   }
 
   NetworkTarget gives() const { return network_target(target); }
