@@ -2,6 +2,7 @@
 #include "malus/polar/internal/residual_angles.h"
 
 #include "malus/base/random.h"
+#include "malus/polar/demosaick.h"
 #include "malus/polar/internal/lattice.h"
 
 #include <algorithm>
@@ -50,6 +51,26 @@ TEST(ResidualAngles, ABandGivesTheBitsOfTheWhole) {
       ASSERT_EQ(part.stokes.s2(r - kFirst, c), all.stokes.s2(r, c)) << r;
       ASSERT_EQ(part.s0_takes_part(r - kFirst, c), all.s0_takes_part(r, c)) << r;
     }
+}
+
+// A picture that repeats every eight rows does so across the borders of its bands, too.
+TEST(Demosaick, ResidualBandsLeaveNoSeam) {
+  constexpr int kRows = 600, kCols = 24, kPeriod = 8, kFirst = 200, kLast = 400;
+  for (const char* name : {"polar-mono", "polar-bayer-rggb"}) {
+    RandomSequence random(5, 0, Draw::kScene, 0);
+    Image mosaic(kRows, kCols);
+    for (int r = 0; r < kRows; ++r)
+      for (int c = 0; c < kCols; ++c)
+        mosaic(r, c) = r < kPeriod ? static_cast<float>(std::pow(10.0, 4 * random.uniform()))
+                                   : mosaic(r - kPeriod, c);
+    const StokesPicture picture =
+        demosaick(mosaic.view(), SensorLayout::named(name), Demosaicking::kResidual);
+    for (const StokesPlanes& planes : picture.planes)
+      for (const Image* plane : {&planes.s0, &planes.s1, &planes.s2})
+        for (int r = kFirst; r < kLast; ++r)
+          for (int c = 0; c < kCols; ++c)
+            ASSERT_EQ((*plane)(r, c), (*plane)(kFirst + r % kPeriod, c)) << name << ' ' << r;
+  }
 }
 
 }  // namespace
