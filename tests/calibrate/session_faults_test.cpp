@@ -294,7 +294,8 @@ TEST(Layout, OfAnotherColourOrderIsTold) {
   for (const char* other : {"bayer-gbrg", "bayer-grbg"})
     EXPECT_THAT(told(other, rggb), Contains(HasSubstr("another order of the colours?")));
   // One line for all gains: how red and blue differ is noise, and another digit at each.
-  EXPECT_EQ(told("bayer-gbrg", {500, 300, 410, 500.2}), told("bayer-gbrg", {500, 300, 410, 501}));
+  EXPECT_THAT(told("bayer-gbrg", {300, 500, 500.2, 410}), Contains(HasSubstr("the two greens")));
+  EXPECT_EQ(told("bayer-gbrg", {300, 500, 500.2, 410}), told("bayer-gbrg", {300, 500, 502, 410}));
 }
 
 // Malus's law, channels that respond differently by up to 3 %.
