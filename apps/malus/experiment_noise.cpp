@@ -100,9 +100,9 @@ std::vector<NoiseOfKind> noises_of(const NoiseExperimentArguments& arguments, No
   for (const std::string& kind : kinds) {
     SynthesisSettings settings;
     settings.kind = kind;
-    // As the simulated camera takes its frames.
-    if (!arguments.pictures.empty() && drawn_from(synthesis_kind(kind)) == ModelKind::kPhysics)
-      settings.parameters = "mean";
+    // A frame's own bias and row noise vary about the mean; drawn anew for the frame beside it, the
+    // difference of two draws would count as one of the noise.
+    if (drawn_from(synthesis_kind(kind)) == ModelKind::kPhysics) settings.parameters = "mean";
     noises.push_back({kind, calibrated_stand_in(shared, arguments.model, settings)});
   }
   for (const fs::path& flow : arguments.flows) {
@@ -195,7 +195,7 @@ std::string refusal_at(const NoiseOfKind& noise, const GainSetting& gain) {
   try {
     noise.stand_in.draw(Image(2 * cell.rows(), 2 * cell.cols()), gain, {}, true);
   } catch (const InputError& error) {
-    return error.what();
+    return error.subject() + ": " + error.problem();
   }
   return {};
 }
@@ -204,9 +204,12 @@ std::string refusal_at(const NoiseOfKind& noise, const GainSetting& gain) {
 Json row_of(const NoiseOfKind& noise, const std::vector<GainSetting>& gains,
             const std::vector<CameraFrames>& frames, Progress& progress) {
   Json row{{"name", noise.name}, {"gains", Json::array()}};
+  std::vector<std::string> left_out;
+  std::string reason;
   for (const GainSetting& gain : gains) {
     if (const std::string refusal = refusal_at(noise, gain); !refusal.empty()) {
-      warn(fmt::format("{} is not compared at {}: {}", noise.name, gain.text(), refusal));
+      if (left_out.empty()) reason = refusal;
+      left_out.push_back(gain.text());
       row["gains"].push_back(nullptr);
       continue;
     }
@@ -219,6 +222,12 @@ Json row_of(const NoiseOfKind& noise, const std::vector<GainSetting>& gains,
     }
     row["gains"].push_back(sum.json());
   }
+  if (left_out.size() == gains.size())
+    throw InputError(noise.name,
+                     fmt::format("can be drawn at none of the frames' gains ({})", reason),
+                     "give a model of the frames' camera at their gains");
+  if (!left_out.empty())
+    warn(fmt::format("{} is not compared at {}: {}", noise.name, joined(left_out), reason));
   return row;
 }
 

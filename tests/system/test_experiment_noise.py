@@ -67,9 +67,20 @@ def test_a_flow_has_a_cell_where_it_knows_the_gain(malus, tmp_path, picture):
     cells = done.json["rows"][1]["gains"]
     assert done.json["rows"][1]["name"] == "Noise Flow" and cells[0] is None and cells[2] is None
     assert 0 < cells[1]["sqrt_jsd"] < 0.3
-    assert "Noise Flow is not compared at ISO 400: ISO 400: the flow was trained from ISO 1600 to ISO 1600" in done.err
+    assert "Noise Flow is not compared at ISO 400, ISO 6400: ISO 400: the flow was trained from ISO 1600 to ISO 1600" in done.err
     listed = malus("experiment", "noise", "--model", "nikon-d850", "--pairs", tmp_path / "list.json", "--flow", flow, "--seed", 3, "--json")
     assert [row["name"] for row in listed.json["rows"]] == ["physics", "poisson-gaussian", "Noise Flow"]
+
+
+def test_a_model_that_knows_none_of_the_gains_is_refused(refused, tmp_path, picture):
+    run = simulated(tmp_path, picture, "--camera", "nikon-d850")
+    run[run.index("--model") + 1] = "imx250myr-simulated"
+    assert "names its gains in dB" in refused(*run)
+    pairs = [{"name": f"{k}_00", "short": str(short), "reference": str(short).replace("_short.tif", "_reference.npy"), "ratio": 1,
+              "gain_db": None, "iso": 25600} for k, short in enumerate(sorted((tmp_path / "captures/case0").glob("*_short.tif")))]
+    (tmp_path / "list.json").write_text(json.dumps({"pairs": pairs}))
+    line = refused("experiment", "noise", "--model", "nikon-d850", "--pairs", tmp_path / "list.json")
+    assert "physics: can be drawn at none of the frames' gains (ISO 25600: " in line
 
 
 def test_kinds_against_a_session(malus, tmp_path):
