@@ -34,6 +34,8 @@ def test_every_metric_of_the_papers_table_is_told_case_by_case(malus, scene):
     first = malus(*run, "12:10").json["methods"]  # the seeds count up from the first case
     assert [row["by_case"][0]["image_ssim"] for row in both] == [row["image_ssim"] for row in first]
     assert first[0]["image_ssim"] < first[1]["image_ssim"] < 1 and first[0]["aolp_psnr_db"] < first[1]["aolp_psnr_db"]
+    for row in first:  # no column is another's
+        assert len({row[key] for key in ("image_psnr_db", "image_ssim", "dolp_psnr_db", "aolp_psnr_db", "aolp_circular_deg")}) == 5
 
 
 @pytest.mark.parametrize("ending", ["png", "jpg"])

@@ -71,8 +71,8 @@ def test_a_refusal_stands_alone(malus, tmp_path):
     assert "diffuse reflection, refractive index 1.5" in malus("normals", *camera, tmp_path / "good.npy").err
 
 
-def test_renoise_keeps_to_its_memory(malus, tmp_path):
-    """As denoise does, by tiles, which do not change a byte."""
+def test_renoise_keeps_to_its_memory(malus, refused, tmp_path):
+    """As denoise does, by tiles, which do not change a byte; a frame that does not fit is refused."""
     np.save(tmp_path / "frame.npy", np.random.default_rng(1).integers(200, 900, (1024, 1024)).astype(np.uint16))
     for name, memory in (("whole", []), ("tiles", ["--memory", 128])):
         malus("renoise", tmp_path / "frame.npy", "-m", "imx250mzr-simulated", "--from", 12, "--to", 24, *memory, "--format", "npy",
@@ -80,3 +80,6 @@ def test_renoise_keeps_to_its_memory(malus, tmp_path):
     assert (tmp_path / "whole/frame_renoised.npy").read_bytes() == (tmp_path / "tiles/frame_renoised.npy").read_bytes()
     assert "--memory" in malus("renoise", tmp_path / "frame.npy", "-m", "imx250mzr-simulated", "--from", 12, "--to", 24, "--memory", 1,
                                "-o", tmp_path / "out", code=2).err
+    np.save(tmp_path / "large.npy", np.full((4096, 4096), 300, np.uint16))
+    line = refused("renoise", tmp_path / "large.npy", "-m", "imx250mzr-simulated", "--from", 12, "--to", 24, "--memory", 128, "-o", tmp_path / "out")
+    assert "128 MiB is too little" in line
