@@ -75,6 +75,19 @@ Image load_clean(const fs::path& path, const SynthesizeArguments& arguments,
   return std::move(frame.dn);
 }
 
+// Noise in DN above black, unrounded.
+RawFrame float_frame(Image dn, const SensorLayout& layout, double white_dn,
+                     const GainSetting& gain) {
+  RawFrame frame;
+  frame.dn = std::move(dn);
+  frame.layout = layout;
+  frame.black_dn.assign(static_cast<std::size_t>(layout.channels()), 0.0);
+  frame.white_dn = white_dn;
+  frame.gain = gain;
+  frame.black_known = frame.white_known = frame.layout_known = true;
+  return frame;
+}
+
 // One noisy frame, as it is written; coverage counts its pixels.
 RawFrame draw(const Synthesizer& synthesizer, const SynthesizeArguments& arguments,
               const Image& clean, const std::optional<GainSetting>& gain,
@@ -89,16 +102,11 @@ RawFrame draw(const Synthesizer& synthesizer, const SynthesizeArguments& argumen
   }
   SyntheticFrame noisy = synthesizer.draw(clean, gain, address);
   coverage.add(noisy.coverage);
-  RawFrame frame;
-  frame.dn = std::move(noisy.dn);
-  frame.layout = model.layout;
-  frame.black_dn.assign(static_cast<std::size_t>(model.layout.channels()), 0.0);
   const SynthesisSettings& settings = synthesizer.settings();
-  frame.white_dn = (white_above_black(white_dn, model.black_dn) - noisy.global_bias_dn) *
-                   (settings.amplify ? settings.ratio : 1.0);
-  frame.gain = noisy.gain;
-  frame.black_known = frame.white_known = frame.layout_known = true;
-  return frame;
+  return float_frame(std::move(noisy.dn), model.layout,
+                     (white_above_black(white_dn, model.black_dn) - noisy.global_bias_dn) *
+                         (settings.amplify ? settings.ratio : 1.0),
+                     noisy.gain);
 }
 
 // What draws the frames: a calibrated model, or a trained Noise Flow.
@@ -153,14 +161,10 @@ FrameSource flow_source(const SynthesizeArguments& arguments,
             for (float& value : signal.values())
               value = static_cast<float>(value / arguments.settings.ratio);
             if (!arguments.as_float) return flow->draw_raw(signal.view(), *gain, address);
-            RawFrame frame;
-            frame.dn = flow->draw(signal.view(), *gain, address);
-            frame.layout = SensorLayout::named(flow->sensor().layout);
-            frame.black_dn.assign(flow->sensor().black_dn.size(), 0.0);
-            frame.white_dn = white_above_black(flow->sensor().white_dn, flow->sensor().black_dn);
-            frame.gain = *gain;
-            frame.black_known = frame.white_known = frame.layout_known = true;
-            return frame;
+            const auto& sensor = flow->sensor();
+            return float_frame(flow->draw(signal.view(), *gain, address),
+                               SensorLayout::named(sensor.layout),
+                               white_above_black(sensor.white_dn, sensor.black_dn), *gain);
           }};
 }
 

@@ -48,20 +48,21 @@ struct ValidationMetric {
   const char* key;
   const char* name;
   const char* unit;
+  const char* of;
 };
 constexpr ValidationMetric kValidationMetrics[] = {
-    {"image_psnr_db", "image PSNR", "dB"},
-    {"dolp_psnr_db", "DoLP PSNR", "dB"},
-    {"aolp_circular_deg", "AoLP circular error", "deg"}};
+    {"image_psnr_db", "image PSNR", "dB", "image"},
+    {"dolp_psnr_db", "DoLP PSNR", "dB", "DoLP"},
+    {"aolp_circular_deg", "AoLP circular error", "deg", "AoLP"}};
 
 Json validation_table(const Json& run, const Json& last) {
   std::vector<std::pair<std::string, std::string>> columns;
-  for (const auto& [key, metric, unit] : kValidationMetrics)
+  for (const auto& [key, metric, unit, part] : kValidationMetrics)
     if (last.contains(key)) columns.emplace_back(metric, unit);
   Json table = record_table("Last validation", "", "frames", columns);
   const auto add_row = [&](const char* name, const Json& score) {
     Json cells = Json::array();
-    for (const auto& [key, metric, unit] : kValidationMetrics)
+    for (const auto& [key, metric, unit, part] : kValidationMetrics)
       if (last.contains(key)) cells.push_back(score[key]);
     add_record_row(table, name, cells);
   };
@@ -72,12 +73,11 @@ Json validation_table(const Json& run, const Json& last) {
 }
 
 std::string score_text(const std::string& of, const Json& score) {
-  std::string text = fmt::format("{}: image {:.2f} dB", of, score["image_psnr_db"].get<double>());
-  if (score.contains("dolp_psnr_db"))
-    text += fmt::format(", DoLP {:.2f} dB", score["dolp_psnr_db"].get<double>());
-  if (score.contains("aolp_circular_deg"))
-    text += fmt::format(", AoLP {:.2f} deg", score["aolp_circular_deg"].get<double>());
-  return text + '\n';
+  std::vector<std::string> parts;
+  for (const auto& [key, name, unit, part] : kValidationMetrics)
+    if (score.contains(key))
+      parts.push_back(fmt::format("{} {:.2f} {}", part, score[key].get<double>(), unit));
+  return fmt::format("{}: {}\n", of, fmt::join(parts, ", "));
 }
 
 // Curves, the last validation and a sample of it, as a record that a report shows (docs/report.md).
@@ -106,7 +106,7 @@ Json record_of(const Json& run) {
     if (line.contains("validation")) last = line["validation"];
   if (last.is_null()) return record;
   Json curves = Json::array();
-  for (const auto& [key, name, unit] : kValidationMetrics)
+  for (const auto& [key, name, unit, part] : kValidationMetrics)
     if (last.contains(key) && unit == std::string_view("dB"))
       curves.push_back(validation_curve(log, key, name));
   chart("Validation", "dB", std::move(curves));

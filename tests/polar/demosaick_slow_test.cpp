@@ -1,8 +1,9 @@
 // Demosaicking measured on scenes with four full-resolution angle pictures. The table is in
 // docs/polarization.md.
-#include "malus/io/picture_file.h"
+#include "malus/io/angle_pictures.h"
 #include "malus/polar/demosaick.h"
 
+#include <algorithm>
 #include <cmath>
 #include <iostream>
 
@@ -18,12 +19,9 @@ struct Scene {
 };
 
 Scene load_scene(const std::string& name) {
+  const auto pictures = load_angle_pictures(testing::shared_data() / "polar-scenes" / name);
   Scene scene;
-  for (int a = 0; a < 4; ++a)
-    scene.angles[static_cast<std::size_t>(a)] =
-        load_picture(testing::shared_data() / "polar-scenes" / name /
-                     fmt::format("I{}.png", 45 * a))
-            .planes;
+  std::ranges::transform(pictures, scene.angles.begin(), &Picture::planes);
   return scene;
 }
 
