@@ -167,12 +167,7 @@ std::vector<CameraFrames> frames_of_session(const NoiseExperimentArguments& argu
 
 std::vector<RecordedPair> pairs_of(const NoiseExperimentArguments& arguments, std::uint64_t seed,
                                    Progress& progress) {
-  std::vector<RecordedPair> pairs;
-  for (const fs::path& list : arguments.pairs)
-    for (RecordedPair& pair : load_pair_list(list)) pairs.push_back(std::move(pair));
-  if (pairs.empty() && !arguments.pairs.empty())
-    throw InputError(arguments.pairs.front().string(), "holds no pairs",
-                     "make some with malus pairs");
+  std::vector<RecordedPair> pairs = open_pairs(arguments.pairs, nullptr);
   if (arguments.pictures.empty()) return pairs;
   const Model camera =
       Model::load(arguments.camera.empty() ? arguments.model.string() : arguments.camera);
