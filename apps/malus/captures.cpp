@@ -1,6 +1,7 @@
 #include "captures.h"
 
 #include "malus/base/error.h"
+#include "malus/base/index.h"
 #include "malus/base/stopwatch.h"
 #include "malus/denoise/frame_profile.h"
 #include "malus/evaluate/evaluation.h"
@@ -101,6 +102,12 @@ void check_frames(const RecordedPair& pair, const NoiseModel* model) {
   if (model) take_layout_of_model(noisy.frame, model->layout);
   require_pair(pair, reference.frame, noisy.frame,
                reference.rows == noisy.rows && reference.cols == noisy.cols);
+}
+
+Image noise_dn(const LoadedCapture& capture) {
+  Image noise = above_black(capture.noisy);
+  for (std::size_t i = 0; i < noise.size(); ++i) noise.values()[i] -= capture.clean_dn.values()[i];
+  return noise;
 }
 
 }  // namespace
@@ -222,31 +229,19 @@ Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded
 
 NoiseDivergence divergence(const std::vector<RecordedPair>& made,
                            const std::vector<RecordedPair>& captured, const NoiseModel& model) {
-  NoiseDivergence sum;
-  for (const RecordedPair& target : captured) {
-    const RecordedPair* pair = counterpart(made, target);
-    if (!pair) continue;
-    const LoadedCapture real = load_capture(target, model), drawn = load_capture(*pair, model);
-    if (drawn.clean_dn.rows() != real.clean_dn.rows() ||
-        drawn.clean_dn.cols() != real.clean_dn.cols())
-      throw InputError(
-          pair->noisy.string(),
-          fmt::format("has another size than {}, whose scene it shows", target.noisy.string()),
-          "make the pairs again");
-    Image drawn_dn = above_black(drawn.noisy);
-    for (std::size_t i = 0; i < drawn_dn.size(); ++i)
-      drawn_dn.values()[i] += real.clean_dn.values()[i] - drawn.clean_dn.values()[i];
-    const NoiseFrames reference{1, [&](int) { return above_black(real.noisy); }};
-    const NoiseFrames test{1, [&](int) { return drawn_dn; }};
-    const NoiseComparison c = compare_noise(reference, test, real.clean_dn, model.layout, {});
-    sum.jsd += c.pooled.jsd_bits;
-    sum.jsd_floor += c.pooled.sqrt_jsd_floor * c.pooled.sqrt_jsd_floor;
-    sum.sqrt_jsd += c.pooled.sqrt_jsd;
-    sum.sqrt_jsd_floor += c.pooled.sqrt_jsd_floor;
-    ++sum.captures;
-  }
-  const double n = std::max(sum.captures, 1);
-  return {sum.jsd / n, sum.jsd_floor / n, sum.sqrt_jsd / n, sum.sqrt_jsd_floor / n, sum.captures};
+  std::vector<std::pair<const RecordedPair*, const RecordedPair*>> scenes;
+  for (const RecordedPair& target : captured)
+    if (const RecordedPair* pair = counterpart(made, target)) scenes.emplace_back(&target, pair);
+  const auto noise_of = [&](int k) {
+    const auto [target, pair] = scenes[as_index(k)];
+    return NoiseOfScene{noise_dn(load_capture(*target, model)),
+                        noise_dn(load_capture(*pair, model))};
+  };
+  const int count = static_cast<int>(std::ssize(scenes));
+  const auto d = compare_scenes(count, noise_of, NoiseComparisonSettings().bins);
+  if (!d) return {};
+  return {d->jsd_bits, d->sqrt_jsd_floor * d->sqrt_jsd_floor, d->sqrt_jsd, d->sqrt_jsd_floor,
+          count};
 }
 
 void add_to_score(PictureScore& score, const RecordedPair& capture, const NoiseModel& model,

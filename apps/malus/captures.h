@@ -60,10 +60,9 @@ LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model)
 Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded,
                         const NoiseModel& model);
 
-/// Divergence of made noise from the captured one: the mean over the captures whose scene has a
-/// made frame, of which the one of the nearest light counts. Its own clean mosaic is exchanged for
-/// the captured one's, which may be lit a little differently. Floors: what two samples of one
-/// distribution have.
+/// Divergence of made noise from the captured one: of frames less their clean mosaics, all captures
+/// together whose scene has a made frame, of which the one of the nearest light counts. Floors:
+/// what two samples of one distribution have.
 struct NoiseDivergence {
   double jsd = 0, jsd_floor = 0, sqrt_jsd = 0, sqrt_jsd_floor = 0;
   int captures = 0;

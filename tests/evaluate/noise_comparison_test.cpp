@@ -5,6 +5,7 @@
 #include "malus/evaluate/noise_structure.h"
 
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -336,6 +337,36 @@ TEST(CompareNoise, TheSameForAnyNumberOfThreads) {
   set_thread_count(0);
   EXPECT_EQ(one.pooled.jsd_bits, three.pooled.jsd_bits);
   EXPECT_EQ(one.reference.along_row, three.reference.along_row);
+}
+
+// Scenes of other light and size, the noise of which is the same on both sides but of the last.
+TEST(CompareScenes, AllAreInOneHistogramWhoseFloorFallsWithThem) {
+  const auto distance = [](int scenes, double last_sd) {
+    return *compare_scenes(
+        scenes,
+        [=](int k) {
+          NoiseOfScene noise{Image(64, 40 + k), Image(64, 40 + k)};
+          std::uint32_t side = 0;
+          for (Image* image : {&noise.reference, &noise.test}) {
+            RandomSequence random(7, static_cast<std::uint32_t>(k), Draw::kOther, side++);
+            const double sd = 3.0 + k % 3;
+            for (float& v : image->values())
+              v = static_cast<float>((image == &noise.test && k + 1 == scenes ? last_sd : 1) * sd *
+                                     random.normal());
+          }
+          noise.test(0, 0) = std::numeric_limits<float>::quiet_NaN();
+          return noise;
+        },
+        128);
+  };
+  const NoiseDistance one = distance(1, 1), twelve = distance(12, 1), other = distance(12, 3);
+  EXPECT_EQ(one.reference_samples, 64 * 40);
+  EXPECT_EQ(one.test_samples, 64 * 40 - 1);
+  EXPECT_LT(one.sqrt_jsd, 1.5 * one.sqrt_jsd_floor);
+  EXPECT_LT(twelve.sqrt_jsd, 1.5 * twelve.sqrt_jsd_floor);
+  EXPECT_NEAR(twelve.sqrt_jsd_floor / one.sqrt_jsd_floor, std::sqrt(1.0 / 12), 0.06);
+  EXPECT_GT(other.sqrt_jsd, 3 * other.sqrt_jsd_floor);
+  EXPECT_FALSE(compare_scenes(0, {}, 128).decided());
 }
 
 }  // namespace

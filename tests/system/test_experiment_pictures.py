@@ -39,8 +39,8 @@ def experiments(tmp_path):
 
 
 def test_table_s1_has_the_papers_rows_and_columns(malus, refused, experiments):
-    run = ["experiment", "table-s1", experiments / "table-s1.toml", "--pictures", experiments / "b.png", "--test-pictures",
-           experiments / "c.png", "-o", experiments / "out", "--crop", "64"]
+    run = ["experiment", "table-s1", experiments / "table-s1.toml", "--pictures", experiments / "b.png",
+           experiments / "c.png", "--test-pictures", experiments / "c.png", "-o", experiments / "out", "--crop", "64"]
     first = malus(*run, "--json", "--report", experiments / "page.html").json
     assert [(row["noise_model"], row["denoiser"], row["input"]) for row in first["rows"]] == [
         ("NP Noise-on-noise", "UNet", "ISO 1600"), ("NP Noise-on-noise", "BM3D", "ISO 1600"),
@@ -49,6 +49,7 @@ def test_table_s1_has_the_papers_rows_and_columns(malus, refused, experiments):
     for row in first["rows"][:4]:
         assert 0 <= row["jsd"] < 0.5 and row["sqrt_jsd"] ** 2 == pytest.approx(row["jsd"], rel=1e-6)
         assert row["sqrt_jsd_floor"] ** 2 == pytest.approx(row["jsd_floor"], rel=1e-6)
+        assert row["jsd_floor"] < 127 / (8 * np.log(2)) * 2 / (2 * 64 * 64)  # of 128 bins that both captures fill together
     assert (experiments / "page.html").stat().st_size > 10000
     # Noise on noise of the right noise ends nearer to the camera's than noise on what a network of three steps left.
     assert first["rows"][0]["jsd"] < first["rows"][2]["jsd"]

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 #include <fmt/format.h>
@@ -355,6 +356,27 @@ std::vector<Quantity> quantities_of(const NoiseComparison& c) {
                        "correlation of a pixel in a frame and in the next", {s->between_frames}));
   }
   return all;
+}
+
+Estimate<NoiseDistance> compare_scenes(int scenes, const std::function<NoiseOfScene(int)>& load,
+                                       int bins) {
+  const auto each = [&](const auto& take) {
+    for (int k = 0; k < scenes; ++k) {
+      const NoiseOfScene noise = load(k);
+      for (const Image* side : {&noise.reference, &noise.test})
+        for (const double x : side->values())
+          if (std::isfinite(x)) take(side == &noise.test, x);
+    }
+  };
+  Moments moments[2];
+  each([&](bool test, double x) { moments[test].add(x); });
+  if (moments[0].count() < 2 || moments[1].count() < 2)
+    return Undecided{"there are no two samples to compare"};
+  const Bins common = bins_of(moments[0], moments[1], {}, bins);
+  const auto size = static_cast<std::size_t>(common.count);
+  Counts counts[2] = {Counts(size), Counts(size)};
+  each([&](bool test, double x) { ++counts[test][common.of(x)]; });
+  return distance_of(counts[0], counts[1], common, std::numeric_limits<double>::quiet_NaN());
 }
 
 Estimate<double> kept_detail_psnr_db(View<const float> mean_dn, View<const float> clean_dn,

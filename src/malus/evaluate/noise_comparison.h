@@ -95,6 +95,16 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
 
 std::vector<Quantity> quantities_of(const NoiseComparison& comparison);
 
+/// The noise of one scene in two ways, DN; of any sizes.
+struct NoiseOfScene {
+  Image reference, test;
+};
+/// Distance of all scenes' noise in one histogram each, whose floor falls with their number: of
+/// equal bins over +-6 standard deviations of all. Every scene is loaded twice. Samples that are
+/// not finite are left out. signal_dn is NaN. Undecided where either side has fewer than two.
+Estimate<NoiseDistance> compare_scenes(int scenes, const std::function<NoiseOfScene(int)>& load,
+                                       int bins);
+
 /// The uniform scene that frames show, for frames without noise in its place: the channels' means
 /// less those of as many frames without light, for one frame's mean has its row noise and the
 /// lamp's flicker. A channel that is lit by less than a twentieth of the noise without light counts
