@@ -20,8 +20,8 @@ namespace malus::internal::matrix_unit {
 namespace {
 
 constexpr std::ptrdiff_t kTileRows = 16, kStep = 32, kFloatBytes = sizeof(float);
-// Inner values whose weights for 32 columns stay in the first-level cache, more or less, while all
-// rows pass by.
+// Inner values whose weights for 32 columns, 64 KB, stay in the core's two caches while all rows
+// pass by.
 constexpr std::ptrdiff_t kMostInner = 1024;
 
 // What ldtilecfg reads.
@@ -242,7 +242,7 @@ HWY_INLINE void fetch(const float* from, std::ptrdiff_t values) {
   for (std::ptrdiff_t i = 0; i < values; i += kLane) __builtin_prefetch(from + i, 0, 2);
 }
 
-// Rows [from, to) of every group in blocks of kDown tiles of `tile_rows` rows.
+// Rows [from, to) of every group in blocks of this many, which are kDown tiles.
 template <int kDown>
 void multiply_rows(const MatrixProduct& p, const Bfloat16* a, const InnerPart& part,
                    const Columns& columns, float* c, std::ptrdiff_t from, std::ptrdiff_t to,
@@ -319,7 +319,23 @@ void multiply_panel(const MatrixProduct& p, const Bfloat16* a, const Bfloat16* b
   }
 }
 
-bool ask_for_unit() {
+void multiply_panels(const MatrixProduct& p, const Bfloat16* a) {
+  const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1),
+                       most = p.gate ? gate_panel(true) : panel_of(p.cols);
+  for (std::ptrdiff_t n = 0; n < p.cols; n += most)
+    multiply_panel(p, a, p.pairs + n * taps * whole_pairs(p.inner), n, std::min(most, p.cols - n));
+  _tile_release();
+}
+
+}  // namespace
+}  // namespace malus::internal::matrix_unit
+HWY_POP_ATTRIBUTES
+
+// From here on instructions that every processor has.
+namespace malus::internal {
+namespace {
+
+bool ask_for_matrix_unit() {
   constexpr unsigned kBfloat16 = 1U << 22, kTile = 1U << 24;
   unsigned a = 0, b = 0, c = 0, d = 0;
   if (__builtin_cpu_supports("avx512bf16") == 0 || __get_cpuid_count(7, 0, &a, &b, &c, &d) == 0)
@@ -330,27 +346,18 @@ bool ask_for_unit() {
 }
 
 }  // namespace
-}  // namespace malus::internal::matrix_unit
-
-namespace malus::internal {
 
 bool has_matrix_unit() {
-  static const bool has = matrix_unit::ask_for_unit();
+  static const bool has = ask_for_matrix_unit();
   return has;
 }
 
 void multiply_in_matrix_unit(const MatrixProduct& p, const Bfloat16* a) {
   MALUS_REQUIRE(has_matrix_unit());
-  const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1),
-                       most = p.gate ? gate_panel(true) : panel_of(p.cols);
-  for (std::ptrdiff_t n = 0; n < p.cols; n += most)
-    matrix_unit::multiply_panel(p, a, p.pairs + n * taps * whole_pairs(p.inner), n,
-                                std::min(most, p.cols - n));
-  _tile_release();
+  matrix_unit::multiply_panels(p, a);
 }
 
 }  // namespace malus::internal
-HWY_POP_ATTRIBUTES
 #else
 namespace malus::internal {
 bool has_matrix_unit() { return false; }
