@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <zlib.h>
+#include "deflated.h"
 
 namespace malus::testing {
 
@@ -24,13 +24,7 @@ struct TiffPage {
       const auto value = static_cast<std::uint16_t>(first_value + i);
       bytes += {static_cast<char>(value & 0xff), static_cast<char>(value >> 8)};
     }
-    if (!deflate) return bytes;
-    uLongf size = compressBound(static_cast<uLong>(bytes.size()));
-    std::string out(size, '\0');
-    compress(reinterpret_cast<Bytef*>(out.data()), &size,
-             reinterpret_cast<const Bytef*>(bytes.data()), static_cast<uLong>(bytes.size()));
-    out.resize(size);
-    return out;
+    return deflate ? deflated(bytes) : bytes;
   }
 };
 

@@ -2,15 +2,16 @@
 #include "malus/base/error.h"
 #include "malus/io/frame_file.h"
 
+#include "deflated.h"
 #include "support.h"
 #include "tiff_directory.h"
 #include <fmt/format.h>
 #include <gmock/gmock.h>
-#include <zlib.h>
 
 namespace malus {
 namespace {
 
+using testing::deflated;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::ThrowsMessage;
@@ -81,15 +82,6 @@ TEST(Tiff, SignedAndWideSamplesAreRefusedNotReinterpreted) {
   write_file(folder / "wide.tif", tiff(1, 1, 32, 1, {1, 0, 0, 0}), false);
   EXPECT_THAT([&] { load_frame(folder / "wide.tif"); },
               ThrowsMessage<InputError>(HasSubstr("samples of type uint")));
-}
-
-std::string deflated(const std::string& bytes) {
-  uLongf size = compressBound(static_cast<uLong>(bytes.size()));
-  std::string out(size, '\0');
-  compress(reinterpret_cast<Bytef*>(out.data()), &size,
-           reinterpret_cast<const Bytef*>(bytes.data()), static_cast<uLong>(bytes.size()));
-  out.resize(size);
-  return out;
 }
 
 // One channel of 16 bits in strips or tiles of Deflate.
