@@ -3,6 +3,7 @@
 #include "malus/base/worker_place.h"
 
 #include "experiments.h"
+#include "flags.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -66,6 +67,12 @@ std::string trained_weights(const std::string& name, TrainCall call, const Commo
   call.seed = common.seed;
   call.settings = common.settings;
   return networks().train(call, progress).at("weights").get<std::string>();
+}
+
+void add_crop(CLI::App& command, int& crop, const std::string& of) {
+  command.add_option("--crop", crop, "middle part of " + of + " [pixels]")
+      ->check(in_range(16, 100000))
+      ->capture_default_str();
 }
 
 void add_experiment(CLI::App& app, Common& common) {

@@ -15,7 +15,6 @@
 #include "captures.h"
 #include "denoiser_by_ratio.h"
 #include "experiments.h"
-#include "flags.h"
 #include "flow_rows.h"
 #include "frame_input.h"
 #include "networks_door.h"
@@ -257,9 +256,7 @@ void add_demosaic_experiment(CLI::App& experiment, Common& common) {
                       "simulated camera takes the pictures that the networks are trained on");
   command->add_option("-o,--output", arguments->folder, "folder of the trainings")->required();
   add_training_settings(*command, common);
-  command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")
-      ->check(in_range(16, 100000))
-      ->capture_default_str();
+  add_crop(*command, arguments->crop, "the pictures");
   command->add_option("--report", arguments->report, "also a report page (HTML)");
 }
 

@@ -77,9 +77,8 @@ struct DivergenceSum {
 
 // A model that tells physics alone is joined by what its calibration would find of the other kinds
 // where a simulated camera has its noise; of a real camera they would be invented.
-NoiseModel compared_model(const NoiseExperimentArguments& arguments,
+NoiseModel compared_model(const NoiseExperimentArguments& arguments, NoiseModel model,
                           const std::vector<CameraFrames>& frames) {
-  NoiseModel model = load_model(arguments.model);
   if (arguments.pictures.empty()) return model;
   std::vector<GainSetting> gains;
   for (const CameraFrames& one : frames)
@@ -330,7 +329,7 @@ void run_noise_experiment(const NoiseExperimentArguments& arguments, const Commo
   for (const CameraFrames& one : frames)
     if (std::ranges::find(gains, one.gain) == gains.end()) gains.push_back(one.gain);
   std::ranges::sort(gains, {}, [](const GainSetting& gain) { return gain.decibel().value_or(0); });
-  const auto noises = noises_of(arguments, compared_model(arguments, frames));
+  const auto noises = noises_of(arguments, compared_model(arguments, described, frames));
   for (const GainSetting& gain : gains) noises.front().stand_in.warn_of_gain(gain);
   progress->begin("comparing", std::ssize(noises) * std::ssize(frames));
   Json rows = Json::array(), told = Json::array();
@@ -377,9 +376,7 @@ void add_noise_experiment(CLI::App& experiment, Common& common) {
   command->add_option("--cases", arguments->cases,
                       "its gains and low-light ratios, each GAIN:RATIO");
   command->add_option("-o,--output", arguments->folder, "folder of its captures");
-  command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")
-      ->check(in_range(16, 100000))
-      ->capture_default_str();
+  add_crop(*command, arguments->crop, "the pictures");
   command->add_option("--frames", arguments->frames, "frames of a session's set, at most")
       ->check(in_range(2, 100000))
       ->capture_default_str();

@@ -14,7 +14,6 @@
 #include "captures.h"
 #include "denoiser_by_ratio.h"
 #include "experiments.h"
-#include "flags.h"
 #include "frame_input.h"
 #include "networks_door.h"
 #include "output_check.h"
@@ -302,9 +301,7 @@ void add_table_s1_experiment(CLI::App& experiment, Common& common) {
                       "captured pairs of other scenes at the noisier gain");
   command->add_option("-o,--output", arguments->folder, "frames and trainings")->required();
   add_training_settings(*command, common);
-  command->add_option("--crop", arguments->crop, "middle part of the pictures [pixels]")
-      ->check(in_range(16, 100000))
-      ->capture_default_str();
+  add_crop(*command, arguments->crop, "the pictures");
   command->add_option("--report", arguments->report, "also a report page (HTML)");
 }
 

@@ -36,6 +36,9 @@ void check_training(TrainCall call, const Common& common);
 std::string trained_weights(const std::string& name, TrainCall call, const Common& common,
                             Progress& progress);
 
+/// --crop: the middle part of what is named, in pixels a side.
+void add_crop(CLI::App& command, int& crop, const std::string& of);
+
 void add_denoise_experiment(CLI::App& experiment, Common& common);
 void add_uncertainty_experiment(CLI::App& experiment, Common& common);
 void add_renoise_experiment(CLI::App& experiment, Common& common);

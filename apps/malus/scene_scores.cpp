@@ -13,6 +13,7 @@
 #include <cmath>
 
 #include "denoise_method.h"
+#include "experiments.h"
 #include "flags.h"
 #include "frame_input.h"
 #include "report_pages.h"
@@ -167,9 +168,7 @@ void SceneRuns::add_options(CLI::App& command, const std::string& scenes_name,
   command.add_option("--cases", cases, "gain [dB, or ISO] : low-light ratio")
       ->check(accepted_by([](const std::string& text) { light_case_of(text); }))
       ->capture_default_str();
-  command.add_option("--crop", crop, "middle part of what is scored [pixels]")
-      ->check(in_range(16, 100000))
-      ->capture_default_str();
+  add_crop(command, crop, "what is scored");
 }
 
 std::vector<fs::path> SceneRuns::files_named() const {
