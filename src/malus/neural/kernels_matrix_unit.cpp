@@ -19,10 +19,10 @@ HWY_PUSH_ATTRIBUTES("avx512f,avx512bw,avx512vl,avx512dq,amx-tile,amx-bf16")
 namespace malus::internal::matrix_unit {
 namespace {
 
-constexpr std::ptrdiff_t kTileRows = 16, kStep = 32, kFloatBytes = sizeof(float);
-// Inner values whose weights for 32 columns, 64 KB, stay in the core's two caches while all rows
-// pass by.
-constexpr std::ptrdiff_t kMostInner = 1024;
+constexpr std::ptrdiff_t kTileRows = 16, kFloatBytes = sizeof(float);
+// Values of a step. Weights of a part for 32 columns, 64 KB, stay in the core's two caches.
+constexpr std::ptrdiff_t kDepth = 32, kInnerBlock = 1024;
+#include "malus/neural/internal/inner_parts-inl.h"
 
 // What ldtilecfg reads.
 struct alignas(64) TileShapes {
@@ -40,19 +40,13 @@ void shape_tiles(std::ptrdiff_t rows, std::ptrdiff_t last_inner) {
     shapes.row_bytes[tile] = static_cast<std::uint16_t>(bytes);
   };
   for (int tile = 0; tile <= 4; ++tile) shape(tile, rows, 64);
-  shape(6, kStep / 2, 64);
+  shape(6, kDepth / 2, 64);
   if (last_inner > 0) {
     shape(5, rows, whole_pairs(last_inner) * 2);
     shape(7, whole_pairs(last_inner) / 2, 64);
   }
   _tile_loadconfig(&shapes);
 }
-
-// A part of the inner dimension: values [k0, k1) of each tap in [tap0, tap1).
-struct InnerPart {
-  std::ptrdiff_t tap0, tap1, k0, k1;
-  bool first, last;
-};
 
 // One or two tiles of columns: where their weights and biases begin, how far the second tile lies
 // behind the first, and how many columns the last one has.
@@ -150,7 +144,7 @@ HWY_INLINE void add_products(const MatrixProduct& p, const InnerPart& part, cons
     const Bfloat16* a = corner + (p.taps.empty() ? 0 : p.taps[static_cast<std::size_t>(tap)]);
     const Bfloat16* b = columns.b + tap * whole_pairs(p.inner) * columns.panel_width;
     std::ptrdiff_t k = part.k0;
-    for (; k + kStep <= part.k1; k += kStep)
+    for (; k + kDepth <= part.k1; k += kDepth)
       add_step<kDown, kAcross, 4, 6>(a + k, a_bytes, lower, b + k * columns.panel_width, b_bytes,
                                      second);
     if (k < part.k1)
@@ -238,10 +232,6 @@ HWY_INLINE void multiply_block(const MatrixProduct& p, const InnerPart& part, co
   finish_rows(p, part, rows, columns, staged);
 }
 
-HWY_INLINE void fetch(const float* from, std::ptrdiff_t values) {
-  for (std::ptrdiff_t i = 0; i < values; i += kLane) __builtin_prefetch(from + i, 0, 2);
-}
-
 // Rows [from, to) of every group in blocks of this many, which are kDown tiles.
 template <int kDown>
 void multiply_rows(const MatrixProduct& p, const Bfloat16* a, const InnerPart& part,
@@ -266,7 +256,7 @@ void multiply_columns(const MatrixProduct& p, const Bfloat16* a, const InnerPart
                       const Columns& columns, std::ptrdiff_t n) {
   float* c = p.c + n;
   const bool fetches = p.ahead != nullptr && n == 0 && part.first;
-  const std::ptrdiff_t last_inner = (part.k1 - part.k0) % kStep,
+  const std::ptrdiff_t last_inner = (part.k1 - part.k0) % kDepth,
                        twice = p.rows / (2 * kTileRows) * 2 * kTileRows,
                        once = p.rows / kTileRows * kTileRows, rest = p.rows - once;
   if (once > 0) shape_tiles(kTileRows, last_inner);
@@ -275,28 +265,6 @@ void multiply_columns(const MatrixProduct& p, const Bfloat16* a, const InnerPart
   if (rest == 0) return;
   shape_tiles(rest, last_inner);
   multiply_rows<1>(p, a, part, columns, c, once, p.rows, rest, fetches);
-}
-
-// Calls use(part) for parts of the inner dimension, in order.
-template <class Use>
-void for_inner_parts(const MatrixProduct& p, const Use& use) {
-  const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1);
-  if (p.gate || taps * p.inner <= kMostInner)
-    return use(InnerPart{0, taps, 0, p.inner, true, true});
-  const auto pieces = [](std::ptrdiff_t count, std::ptrdiff_t most) {
-    return (count + most - 1) / most;
-  };
-  if (p.inner <= kMostInner) {
-    const std::ptrdiff_t size = pieces(taps, pieces(taps * p.inner, kMostInner));
-    for (std::ptrdiff_t tap = 0; tap < taps; tap += size)
-      use(InnerPart{tap, std::min(tap + size, taps), 0, p.inner, tap == 0, tap + size >= taps});
-    return;
-  }
-  const std::ptrdiff_t size = pieces(pieces(p.inner, pieces(p.inner, kMostInner)), kStep) * kStep;
-  for (std::ptrdiff_t tap = 0; tap < taps; ++tap)
-    for (std::ptrdiff_t k = 0; k < p.inner; k += size)
-      use(InnerPart{tap, tap + 1, k, std::min(k + size, p.inner), tap == 0 && k == 0,
-                    tap + 1 == taps && k + size >= p.inner});
 }
 
 // The columns of a panel that begins at column n; of a gated one a tile of either half at a time.

@@ -33,11 +33,7 @@ constexpr std::ptrdiff_t kRaggedRows = 24;
 // tile stays in the first level's.
 constexpr std::ptrdiff_t kInnerBlock = (kWidth == kLane ? 1280 : 384) * kDepth;
 
-// A part of the inner dimension: values [k0, k1) of each tap in [tap0, tap1).
-struct InnerPart {
-  std::ptrdiff_t tap0, tap1, k0, k1;
-  bool first, last;
-};
+#include "malus/neural/internal/inner_parts-inl.h"
 
 // Where a tile lies: its corner of a, its columns of b and c, its rows' factors (or null).
 struct TilePlace {
@@ -48,10 +44,6 @@ struct TilePlace {
   std::ptrdiff_t c_row;
   const float* ahead = nullptr;  // of the first row, or null
 };
-
-constexpr std::ptrdiff_t whole_depth(std::ptrdiff_t inner) {
-  return (inner + kDepth - 1) / kDepth * kDepth;
-}
 
 // Where the sums of a tile start: at the bias, or at what c holds already. What is decided once per
 // tile is decided outside of the loops over its sums, so that these stay in registers.
@@ -128,12 +120,6 @@ HWY_INLINE void tile(const MatrixProduct& p, const InnerPart& part, const TilePl
   store_sums(p, part, at, sum);
 }
 
-// Into the second-level cache.
-HWY_INLINE void fetch(const float* from, std::ptrdiff_t values) {
-  constexpr std::ptrdiff_t kLine = 16;
-  for (std::ptrdiff_t i = 0; i < values; i += kLine) __builtin_prefetch(from + i, 0, 2);
-}
-
 // Rows from `row` on in tiles, the rest in tiles of 4, 2 and 1.
 template <int kHeight, int kVectors>
 HWY_INLINE void tiles_of(std::ptrdiff_t row, const MatrixProduct& p, const InnerPart& part,
@@ -206,25 +192,6 @@ inline void multiply_part(const MatrixProduct& p, const Value* a, const Value* b
     if (at.factors != nullptr) at.factors += p.rows;
     if (at.ahead != nullptr) at.ahead += p.ahead_group;
   }
-}
-
-// Calls use(part) for parts of the inner dimension, in order.
-template <class Use>
-HWY_INLINE void for_inner_parts(const MatrixProduct& p, const Use& use) {
-  const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1);
-  if (p.gate) return use(InnerPart{0, taps, 0, p.inner, true, true});
-  if (p.inner > kInnerBlock / 2) {
-    const std::ptrdiff_t parts = (p.inner + kInnerBlock - 1) / kInnerBlock,
-                         size = whole_depth((p.inner + parts - 1) / parts);
-    for (std::ptrdiff_t tap = 0; tap < taps; ++tap)
-      for (std::ptrdiff_t k = 0; k < p.inner; k += size)
-        use(InnerPart{tap, tap + 1, k, std::min(k + size, p.inner), tap == 0 && k == 0,
-                      tap + 1 == taps && k + size >= p.inner});
-    return;
-  }
-  const std::ptrdiff_t group = std::max<std::ptrdiff_t>(kInnerBlock / p.inner, 1);
-  for (std::ptrdiff_t tap = 0; tap < taps; tap += group)
-    use(InnerPart{tap, std::min(tap + group, taps), 0, p.inner, tap == 0, tap + group >= taps});
 }
 
 // The whole product p with a and b in place of its own.
