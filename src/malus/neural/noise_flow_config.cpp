@@ -7,7 +7,7 @@
 #include "malus/neural/internal/contents.h"
 #include "malus/neural/noise_flow_training.h"
 #include "malus/noise/model.h"
-#include "malus/noise/raw_variance.h"
+#include "malus/synthesize/pairs.h"
 
 #include <algorithm>
 #include <cmath>
@@ -118,10 +118,10 @@ class PairFrames {
         files.bias_at == clean_.bias_at && !clean_dn_.empty())
       return clean_dn_;
     clean_ = files;
-    clean_dn_ = above_black(load_frame(files.clean, options_));
-    if (files.bias_at && model_) subtract_bias(clean_dn_, model_->profile_at(*files.bias_at));
-    for (float& v : clean_dn_.values())
-      v = static_cast<float>(static_cast<double>(v) / files.ratio);
+    Image reference_dn = above_black(load_frame(files.clean, options_));
+    std::optional<NoiseProfile> bias;
+    if (files.bias_at && model_) bias = model_->profile_at(*files.bias_at);
+    clean_dn_ = light_of_reference(std::move(reference_dn), bias ? &*bias : nullptr, files.ratio);
     return clean_dn_;
   }
 
