@@ -5,6 +5,7 @@
 #include "malus/denoise/estimate_noise.h"
 #include "malus/denoise/frame_profile.h"
 #include "malus/image/middle.h"
+#include "malus/image/window.h"
 #include "malus/noise/sensor_window.h"
 #include "malus/synthesize/pairs.h"
 
@@ -165,7 +166,7 @@ void OpenTestFrames::run_capture(Capture& capture, const SceneRun& run) const {
   if (model_) noisy.profile = profile_of_capture(frame, *model_);
   noisy.range_dn = white_of_reference(reference, frame);
   capture.unknown_share = mark_and_tell(reference, noisy.range_dn, noisy.profile.defects);
-  const MiddleWindow window = middle_window(frame.dn.rows(), frame.dn.cols(), frame.layout,
+  const MosaicWindow window = middle_window(frame.dn.rows(), frame.dn.cols(), frame.layout,
                                             named_.scenes.crop, noisy.profile.row_group);
   if (window.rows == 0 || window.cols == 0)
     throw InputError(frame.source, "is smaller than a cell and row group of its sensor",

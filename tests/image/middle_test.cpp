@@ -42,7 +42,7 @@ TEST(Middle, KeepsTheLayoutsPhaseAndWholeCells) {
 TEST(Middle, KeepsWholeRowGroups) {
   const SensorLayout layout = SensorLayout::named("polar-mono");
   for (const int group : {2, 3, 8}) {
-    const MiddleWindow window = middle_window(100, 70, layout, 40, group);
+    const MosaicWindow window = middle_window(100, 70, layout, 40, group);
     EXPECT_EQ(window.row0 % group, 0);
     EXPECT_EQ(window.rows % group, 0);
     EXPECT_EQ(window.row0 % 2 + window.rows % 2 + window.col0 % 2, 0);

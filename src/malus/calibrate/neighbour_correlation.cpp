@@ -1,6 +1,7 @@
 #include "malus/calibrate/internal/neighbour_correlation.h"
 
 #include "malus/base/index.h"
+#include "malus/image/window.h"
 
 #include <algorithm>
 #include <cmath>
@@ -123,8 +124,7 @@ std::vector<NeighbourLikeness> NeighbourCorrelation::likeness() const {
 void FramePairs::add(View<const float> dn) {
   if (left_ <= 0) return;
   if (waiting_.empty()) {
-    waiting_ = Image(dn.rows(), dn.cols());
-    for (int r = 0; r < dn.rows(); ++r) std::copy_n(dn.row(r), dn.cols(), waiting_.row(r));
+    waiting_ = copy_of(dn);
     return;
   }
   correlation_.add(waiting_, dn, dark_dn_);

@@ -2,6 +2,7 @@
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/image/window.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,12 +15,6 @@ namespace {
 
 constexpr int kTriples = 8;
 constexpr std::size_t kFlatTriples = 3;  // of each level
-
-Image copy_of(View<const float> dn) {
-  Image out(dn.rows(), dn.cols());
-  for (int r = 0; r < dn.rows(); ++r) std::copy_n(dn.row(r), dn.cols(), out.row(r));
-  return out;
-}
 
 // Takes out what the pixels of one channel in a row share, and in a column: row noise, the frame's
 // level, light that moves.

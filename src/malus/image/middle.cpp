@@ -5,23 +5,16 @@
 
 namespace malus {
 
-MiddleWindow middle_window(int rows, int cols, const SensorLayout& layout, int side,
+MosaicWindow middle_window(int rows, int cols, const SensorLayout& layout, int side,
                            int row_group) {
   const int cell = std::lcm(std::lcm(layout.rows(), layout.cols()), 2);
   const auto length = [&](int size, int step) { return std::min(size, side) / step * step; };
   const auto start = [](int size, int part, int step) { return (size - part) / 2 / step * step; };
   const int group = std::lcm(cell, row_group);
-  MiddleWindow window{.rows = length(rows, group), .cols = length(cols, cell)};
+  MosaicWindow window{.rows = length(rows, group), .cols = length(cols, cell)};
   window.row0 = start(rows, window.rows, group);
   window.col0 = start(cols, window.cols, cell);
   return window;
-}
-
-Image part_of(const Image& mosaic, const MiddleWindow& window) {
-  Image part(window.rows, window.cols);
-  for (int r = 0; r < window.rows; ++r)
-    std::copy_n(mosaic.row(window.row0 + r) + window.col0, window.cols, part.row(r));
-  return part;
 }
 
 Image middle_of(const Image& mosaic, const SensorLayout& layout, int side) {

@@ -3,21 +3,14 @@
 
 #include "malus/image/layout.h"
 #include "malus/image/view.h"
+#include "malus/image/window.h"
 
 namespace malus {
 
-/// A part of a mosaic.
-struct MiddleWindow {
-  int row0 = 0, col0 = 0, rows = 0, cols = 0;
-};
-
 /// Middle window of rows x cols pixels: of whole cells of the layout, of whole row groups and of
 /// even size, at most `side` pixels a side; empty where the mosaic is smaller than that.
-MiddleWindow middle_window(int rows, int cols, const SensorLayout& layout, int side,
+MosaicWindow middle_window(int rows, int cols, const SensorLayout& layout, int side,
                            int row_group = 1);
-
-/// A copy of these pixels. Contract: the window lies within the mosaic.
-Image part_of(const Image& mosaic, const MiddleWindow& window);
 
 /// The pixels of middle_window without row groups.
 Image middle_of(const Image& mosaic, const SensorLayout& layout, int side);

@@ -7,6 +7,7 @@
 #include "malus/denoise/cut_off.h"
 #include "malus/denoise/denoise_profile.h"
 #include "malus/denoise/prepared_frame.h"
+#include "malus/image/window.h"
 #include "malus/neural/network.h"
 #include "malus/neural/network_target.h"
 
@@ -187,11 +188,6 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& profile,
                                    std::optional<double> ratio = {},
                                    Progress& progress = silent_progress(),
                                    WantedReport wanted_report = {});
-
-/// A window of the mosaic.
-struct MosaicWindow {
-  int row0 = 0, col0 = 0, rows = 0, cols = 0;
-};
 
 /// [1, input_planes, rows, cols] of a window of the frame.
 torch::Tensor prepare_input(const NetworkFrame& frame, const MosaicWindow& window);

@@ -6,6 +6,7 @@
 #include "malus/base/unreadable_file.h"
 #include "malus/denoise/column_noise.h"
 #include "malus/image/pack.h"
+#include "malus/image/window.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/pair_list.h"
@@ -84,13 +85,6 @@ void require_drawn_from(const NoiseModel& model, const Json& dataset, const fs::
         "name the noise model that they were drawn from");
 }
 
-Image window(const Image& from, const MosaicWindow& part) {
-  Image out(part.rows, part.cols);
-  for (int r = 0; r < part.rows; ++r)
-    std::copy_n(from.row(part.row0 + r) + part.col0, part.cols, out.row(r));
-  return out;
-}
-
 // Where examples are cut out of larger mosaics: at whole cells and row groups, no larger than
 // `side`.
 class ExampleWindows {
@@ -154,8 +148,8 @@ class ShardPairs final : public PairSource {
       throw InputError(where, "its noisy planes have another size than its clean ones",
                        "make the shard again with malus dataset");
     const MosaicWindow part = windows_.draw(clean, random);
-    pair.clean_dn = window(clean, part);
-    pair.noisy.dn = window(noisy, part);
+    pair.clean_dn = part_of(clean, part);
+    pair.noisy.dn = part_of(noisy, part);
     const auto scale = static_cast<float>(sample.amplified ? 1.0 / pair.ratio : 1.0);
     for (Image* image : {&pair.clean_dn, &pair.noisy.dn})
       for (float& v : image->values()) v *= scale;
@@ -221,13 +215,13 @@ class CapturedPairs final : public PairSource {
         throw InputError(recorded.noisy.string(), "has another size than its reference",
                          "make the pairs again");
     const MosaicWindow part = windows_.draw(clean.front(), random);
-    pair.noisy.dn = window(pair.noisy.dn, part);
+    pair.noisy.dn = part_of(pair.noisy.dn, part);
     require_finite(pair.noisy.dn, recorded.noisy.string());
-    pair.clean_dn = window(clean.front(), part);
+    pair.clean_dn = part_of(clean.front(), part);
     require_finite(pair.clean_dn, recorded.reference.string());
     if (clean.size() > 1) pair.clean_rgb_dn = Planes(3, 0, 0);
     for (int k = 0; k < pair.clean_rgb_dn.channels(); ++k) {
-      pair.clean_rgb_dn[k] = window(clean[static_cast<std::size_t>(k) + 1], part);
+      pair.clean_rgb_dn[k] = part_of(clean[static_cast<std::size_t>(k) + 1], part);
       require_finite(pair.clean_rgb_dn[k], recorded.picture.string());
     }
     pair.profile = denoising_profile(pair.noisy, model_, recorded.gain, gains_);

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
+#include "malus/image/window.h"
 
 #include <algorithm>
 #include <memory>
@@ -47,12 +48,8 @@ std::string places_left_out(const NoiseProfile& profile) {
   return counted(defects, "defect pixel") + " and maps of the fixed pattern are left out";
 }
 
-Image part_of(const Image& map, SensorPlace origin, int rows, int cols) {
-  if (map.empty()) return {};
-  Image part(rows, cols);
-  for (int r = 0; r < rows; ++r)
-    std::copy_n(map.row(origin.row + r) + origin.col, cols, part.row(r));
-  return part;
+Image window_of_map(const Image& map, SensorPlace origin, int rows, int cols) {
+  return map.empty() ? Image() : part_of(map, {origin.row, origin.col, rows, cols});
 }
 
 void check_window(const NoiseProfile& profile, Size sensor, SensorPlace origin, int rows, int cols,
@@ -99,10 +96,10 @@ void cut_to_window(NoiseProfile& profile, SensorPlace origin, int rows, int cols
   if (!profile.pattern) return;
   const FixedPattern& whole = *profile.pattern;
   const auto columns_of = [&](const Image& map) {
-    return part_of(map, {0, origin.col}, map.rows(), cols);
+    return window_of_map(map, {0, origin.col}, map.rows(), cols);
   };
-  FixedPattern pattern{part_of(whole.dark_dn, origin, rows, cols),
-                       part_of(whole.response, origin, rows, cols),
+  FixedPattern pattern{window_of_map(whole.dark_dn, origin, rows, cols),
+                       window_of_map(whole.response, origin, rows, cols),
                        columns_of(whole.dark_columns_dn),
                        columns_of(whole.response_columns),
                        whole.dark_kept,

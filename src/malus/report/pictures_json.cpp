@@ -1,5 +1,6 @@
 #include "malus/base/error.h"
 #include "malus/image/pack.h"
+#include "malus/image/window.h"
 #include "malus/report/internal/json.h"
 #include "malus/report/internal/raster.h"
 
@@ -224,12 +225,6 @@ Json block_json(const PicturesBlock& block, const Plan& plan, double part,
           {"layers", layers}};
 }
 
-Image window(const Image& image, int row, int col, int rows, int cols) {
-  Image out(rows, cols);
-  for (int r = 0; r < rows; ++r) std::copy_n(image.row(row + r) + col, cols, out.row(r));
-  return out;
-}
-
 // Full resolution in the middle, for readers of a binned picture.
 PicturesBlock middle_crop(const PicturesBlock& block, int largest) {
   const auto place = [largest](int size, int cell) {
@@ -245,7 +240,7 @@ PicturesBlock middle_crop(const PicturesBlock& block, int largest) {
   crop.title += ", full resolution";
   crop.text = fmt::format("The middle of the frame, from column {} and row {}.", col, row);
   for (ReportPicture& picture : crop.pictures)
-    picture.dn = window(picture.dn, row, col, rows, cols);
+    picture.dn = part_of(picture.dn, {row, col, rows, cols});
   return crop;
 }
 

@@ -4,6 +4,7 @@
 #include "malus/base/parameter_stream.h"
 #include "malus/base/pick.h"
 #include "malus/base/text.h"
+#include "malus/image/window.h"
 
 #include <algorithm>
 #include <cmath>
@@ -90,10 +91,7 @@ Image clean_patch_of(const SampleRecipe& recipe, const DatasetSettings& settings
       moved(source_dn.window(recipe.row0, recipe.col0, side, side), recipe.symmetry);
   const auto shift = lattice_shift(layout, recipe.symmetry);
   MALUS_REQUIRE(shift.has_value());
-  Image clean(settings.patch, settings.patch);
-  for (int r = 0; r < settings.patch; ++r)
-    std::copy_n(turned.row(shift->rows + r) + shift->cols, settings.patch, clean.row(r));
-  return clean;
+  return part_of(turned, {shift->rows, shift->cols, settings.patch, settings.patch});
 }
 
 TrainingPair make_pair_of(const SampleRecipe& recipe, const DatasetSettings& settings,
