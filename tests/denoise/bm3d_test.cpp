@@ -95,9 +95,12 @@ INSTANTIATE_TEST_SUITE_P(
                       PlainCase{1, 29, 30, 4, 6, 32}, PlainCase{1, 28, 30, 5, 6, 4},
                       PlainCase{1, 28, 31, 6, 6, 2}, PlainCase{1, 28, 33, 7, 6, 1},
                       PlainCase{1, 40, 28, 8, 9, 16}));
-// More than one tile of reference blocks in both directions.
+// More than one tile of reference blocks in both directions; the second reaches into the first from
+// below, by more rows than there are between rows of reference blocks, and by fewer.
 INSTANTIATE_TEST_SUITE_P(Tiles, Bm3dAgainstPlain,
-                         ::testing::Values(PlainCase{1, 100, 110, 3, 2, 8}));
+                         ::testing::Values(PlainCase{1, 100, 110, 3, 2, 8},
+                                           PlainCase{1, 70, 100, 3, 8, 16},
+                                           PlainCase{2, 130, 250, 8, 2, 4}));
 
 TEST(Bm3d, RemovesMostOfTheNoiseOfAFlatPicture) {
   for (const char* profile : {"fast", "normal", "high"}) {
@@ -149,6 +152,19 @@ TEST(Bm3d, IsTheSameOnEveryInstructionSet) {
   }
   hwy::SetSupportedTargetsForTest(0);
   EXPECT_GE(tried, 1);
+}
+
+// Coefficients of 1e18 deviations and more, whose powers' product is no float any more, pass whole.
+TEST(Bm3d, LeavesAPictureWithHardlyAnyNoiseAsItIs) {
+  Planes noisy = test_picture(1, 60, 70);
+  for (float& value : noisy[0].values()) value *= 1e9F;
+  const std::array sigma = {1e-8F};
+  Planes variance;
+  const Planes result = bm3d(noisy, sigma, {}, {}, silent_progress(), &variance);
+  for (std::size_t i = 0; i < noisy[0].size(); ++i) {
+    ASSERT_NEAR(result[0].values()[i], noisy[0].values()[i], 1e-6 * noisy[0].values()[i]);
+    ASSERT_TRUE(std::isfinite(variance[0].values()[i]));
+  }
 }
 
 // The noise deviation is the only scale there is; a factor of 4 is exact in float.

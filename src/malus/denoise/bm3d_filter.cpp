@@ -1,8 +1,9 @@
-// Collaborative filtering of groups: 2-D transform of each block, Haar transform along the
-// group, shrinkage, and back. Two blocks lie side by side in a vector of 16 floats, so that a
-// pass along the columns is plain vertical arithmetic; a transposition inside each half gives the
-// other direction. Vectors are 16 floats on every machine, in as many registers as it needs, so all
-// machines compute the same.
+// Collaborative filtering of groups: transform of each block along its rows (its columns are
+// transformed already, bm3d_spectra.cpp), Haar transform along the group, shrinkage, and back. Two
+// blocks lie side by side in a vector of 16 floats, one coefficient of their columns per lane.
+// Vectors are 16 floats on every machine, in as many registers as it needs, so all machines compute
+// the same. What goes back is what the filter takes away, so that a group from which nothing is
+// taken leaves its pixels as they are, to the bit.
 #include "malus/base/vector_targets.h"
 #include "malus/denoise/internal/bm3d_stage.h"
 #include "malus/denoise/internal/bm3d_transform.h"
@@ -26,7 +27,6 @@ struct FilterKernelJob {
   std::size_t count;
   FilterTarget target;
   const GroupFilter::Tables* tables;
-  const float* window;  ///< [row][lane]
 };
 }  // namespace malus::internal
 #endif
@@ -46,7 +46,9 @@ HWY_INLINE float sum_lanes(const Floats& v, int lanes) {
   return sum;
 }
 
-/// Adds the weighted residual of one block.
+/// A block's first float among the spectra.
+HWY_INLINE std::ptrdiff_t spectra_of(std::int32_t place) { return std::ptrdiff_t{place} * kPatch; }
+
 HWY_INLINE void add_row(const Floats8& weighted, float* residual) {
   Floats8 sum;
   load(residual, sum);
@@ -54,57 +56,44 @@ HWY_INLINE void add_row(const Floats8& weighted, float* residual) {
   store(sum, residual);
 }
 
-/// Inverse 2-D transform and aggregation of one block.
+/// Back along the rows of one block, and aggregation.
 template <bool kWiener>
-HWY_INLINE void write_back(Floats8 (&block)[kPatch], const FilterTarget& t, std::int32_t position,
-                           const float* window, float weight) {
-  inverse_2d<kWiener>(block);
+HWY_INLINE void write_back(Floats8 (&block)[kPatch], const float* share, float* residual) {
+  inverse<kWiener>(block);
   HWY_UNROLL(8)
-  for (int r = 0; r < kPatch; ++r) {
-    const std::ptrdiff_t at = position + r * t.stride;
-    Floats8 share, noisy;
-    load(window + r * GroupFilter::kLanes, share);
-    load(t.noisy + at, noisy);
-    add_row((block[r] - noisy) * (share * weight), t.residual + at);
-  }
+  for (int r = 0; r < kPatch; ++r) add_row(block[r] * share[r], residual + r * kPatch);
 }
 
 /// Of a pair.
 template <bool kWiener, class Vector>
-HWY_INLINE void write_back(Vector (&rows)[kPatch], const FilterTarget& t, std::int32_t first,
-                           std::int32_t second, const float* window, float weight, bool single) {
+HWY_INLINE void write_back(Vector (&rows)[kPatch], const float* share, float* first, float* second,
+                           bool single) {
   if constexpr (kIsTwo<Vector>) {
     Floats8 block[kPatch];
     HWY_UNROLL(8)
     for (int r = 0; r < kPatch; ++r) copy(rows[r].low, block[r]);
-    write_back<kWiener>(block, t, first, window, weight);
+    write_back<kWiener>(block, share, first);
     if (single) return;
     HWY_UNROLL(8)
     for (int r = 0; r < kPatch; ++r) copy(rows[r].high, block[r]);
-    write_back<kWiener>(block, t, second, window, weight);
+    write_back<kWiener>(block, share, second);
   } else {
-    inverse_2d<kWiener>(rows);
-    Floats weighted[kPatch];
+    Vector both[kPatch];
     HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r) {
-      const std::ptrdiff_t row = r * t.stride;
-      Floats share, noisy;
-      load(window + r * GroupFilter::kLanes, share);
-      load_row(t.noisy + first + row, t.noisy + second + row, noisy);
-      weighted[r] = (rows[r] - noisy) * (share * weight);
-    }
+    for (int r = 0; r < kPatch; ++r) both[r] = rows[r];
+    inverse<kWiener>(both);
+    HWY_UNROLL(8)
+    for (int r = 0; r < kPatch; ++r) both[r] *= share[r];
     // Blocks may overlap: the order of additions is that of the other instruction sets.
     HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r)
-      add_row(low_half(weighted[r]), t.residual + first + r * t.stride);
+    for (int r = 0; r < kPatch; ++r) add_row(low_half(both[r]), first + r * kPatch);
     if (single) return;
     HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r)
-      add_row(high_half(weighted[r]), t.residual + second + r * t.stride);
+    for (int r = 0; r < kPatch; ++r) add_row(high_half(both[r]), second + r * kPatch);
   }
 }
 
-/// Inverse 2-D transforms and aggregation of a whole group.
+/// Of a whole group.
 template <bool kWiener, int kPairs, bool kSingle>
 HWY_INLINE void write_back(Pair (&pairs)[kPairs], const FilterKernelJob& job,
                            const BlockGroup& group, float energy) {
@@ -112,60 +101,62 @@ HWY_INLINE void write_back(Pair (&pairs)[kPairs], const FilterKernelJob& job,
   // Less than the inverse variance 1 / energy: overlapping estimates are not independent
   // (docs/bm3d.md).
   const float weight = 1 / std::sqrt(energy * std::sqrt(energy));
+  float share[kPatch];
+  for (int r = 0; r < kPatch; ++r) share[r] = weight * job.tables->window[r];
+  const FilterTarget target = job.target;  // a copy, which no store can change
   for (int i = 0; i < kPairs; ++i)
-    write_back<kWiener>(pairs[i].row, job.target, group.position[i],
-                        group.position[kSingle ? 0 : kPairs + i], job.window, weight, kSingle);
-  for (int i = 0; i < kBlocks; ++i) job.target.weight[group.position[i]] += weight;
-  if (job.target.passed_noise)
+    write_back<kWiener>(pairs[i].row, share, target.residual + spectra_of(group.place[i]),
+                        target.residual + spectra_of(group.place[kSingle ? 0 : kPairs + i]),
+                        kSingle);
+  for (int i = 0; i < kBlocks; ++i) target.weight[group.place[i]] += weight;
+  if (target.passed_noise)
     for (int i = 0; i < kBlocks; ++i)
-      job.target.passed_noise[group.position[i]] += weight * energy / (kBlocks * kPatchPixels);
+      target.passed_noise[group.place[i]] += weight * energy / (kBlocks * kPatchPixels);
 }
 
-/// 2-D transforms of a pair. One block after the other where registers hold half a pair: the rows
-/// of both would not stay in them.
+/// A pair, transformed along its rows. One block after the other where registers hold half a pair:
+/// the rows of both would not stay in them.
 template <bool kWiener, class Vector>
-HWY_INLINE void load_transformed(const float* first, const float* second, std::ptrdiff_t stride,
-                                 Vector (&rows)[kPatch]) {
+HWY_INLINE void load_transformed(const float* first, const float* second, Vector (&rows)[kPatch]) {
   if constexpr (kIsTwo<Vector>) {
     Floats8 block[kPatch];
     HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r) load(first + r * stride, block[r]);
-    forward_2d<kWiener>(block);
+    for (int r = 0; r < kPatch; ++r) load(first + r * kPatch, block[r]);
+    forward<kWiener>(block);
     HWY_UNROLL(8)
     for (int r = 0; r < kPatch; ++r) copy(block[r], rows[r].low);
     HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r) load(second + r * stride, block[r]);
-    forward_2d<kWiener>(block);
+    for (int r = 0; r < kPatch; ++r) load(second + r * kPatch, block[r]);
+    forward<kWiener>(block);
     HWY_UNROLL(8)
     for (int r = 0; r < kPatch; ++r) copy(block[r], rows[r].high);
   } else {
     Vector both[kPatch];
     HWY_UNROLL(8)
-    for (int r = 0; r < kPatch; ++r) load_row(first + r * stride, second + r * stride, both[r]);
-    forward_2d<kWiener>(both);
+    for (int r = 0; r < kPatch; ++r) load_row(first + r * kPatch, second + r * kPatch, both[r]);
+    forward<kWiener>(both);
     HWY_UNROLL(8)
     for (int r = 0; r < kPatch; ++r) rows[r] = both[r];
   }
 }
 
 template <bool kWiener, int kPairs, bool kSingle>
-HWY_INLINE void transform_group(const float* plane, std::ptrdiff_t stride, const BlockGroup& group,
+HWY_INLINE void transform_group(const float* spectra, const BlockGroup& group,
                                 Pair (&pairs)[kPairs]) {
   for (int i = 0; i < kPairs; ++i)
-    load_transformed<kWiener>(plane + group.position[i],
-                              plane + group.position[kSingle ? 0 : kPairs + i], stride,
+    load_transformed<kWiener>(spectra + spectra_of(group.place[i]),
+                              spectra + spectra_of(group.place[kSingle ? 0 : kPairs + i]),
                               pairs[i].row);
 }
 
 template <int kPairs, bool kSingle>
 void hard_group(const FilterKernelJob& job, const BlockGroup& group) {
   Pair pairs[kPairs];
-  transform_group<false, kPairs, kSingle>(job.target.noisy, job.target.stride, group, pairs);
+  transform_group<false, kPairs, kSingle>(job.target.noisy, group, pairs);
   const GroupFilter::Tables& table = *job.tables;
   Floats kept = {};
   for (int r = 0; r < kPatch; ++r) {
-    Floats v[kPairs], scale, limit, always;
-    load(table.scale[r].data(), scale);
+    Floats v[kPairs], limit, always;
     load(table.power[r].data(), limit);
     load(table.mean[r].data(), always);
     HWY_UNROLL(16)
@@ -179,7 +170,7 @@ void hard_group(const FilterKernelJob& job, const BlockGroup& group) {
       auto keep = power > least;
       if (i == 0) keep = keep | (always > kZero);
       kept += choose(keep, kZero + 1.0F, kZero);
-      v[i] = choose(keep, v[i] * (scale * (1 / norm)), kZero);
+      v[i] = choose(keep, kZero, v[i] * (table.taken[r] * (1 / norm)));
     }
     haar_inverse<kPairs, kSingle>(v);
     HWY_UNROLL(16)
@@ -189,53 +180,72 @@ void hard_group(const FilterKernelJob& job, const BlockGroup& group) {
                                      sum_lanes(kept, kSingle ? kPatch : 2 * kPatch));
 }
 
-/// a / (a + 1) and b / (b + 1) with one division.
-HWY_INLINE void two_gains(Floats& a, Floats& b) {
-  const Floats below_a = a + 1.0F, below_b = b + 1.0F;
-  const Floats inverse = 1.0F / (below_a * below_b);
-  a = a * below_b * inverse;
-  b = b * below_a * inverse;
+/// The noise's powers that a coefficient is taken to have at most, so that the product of four is
+/// finite; with as many it passes whole, in the precision of a float.
+constexpr float kMostPower = 1e9F;
+
+/// x := 1 / (x + 1) of one, two or four, with one division.
+template <int kCount>
+HWY_INLINE void losses(Floats* x) {
+  Floats above[kCount];
+  HWY_UNROLL(4)
+  for (int i = 0; i < kCount; ++i) above[i] = smaller(x[i], kMostPower) + 1.0F;
+  if constexpr (kCount == 1) {
+    x[0] = 1.0F / above[0];
+  } else if constexpr (kCount == 2) {
+    const Floats inverse = 1.0F / (above[0] * above[1]);
+    x[0] = above[1] * inverse;
+    x[1] = above[0] * inverse;
+  } else {
+    const Floats first = above[0] * above[1], second = above[2] * above[3];
+    const Floats inverse = 1.0F / (first * second);
+    const Floats of_first = second * inverse, of_second = first * inverse;
+    x[0] = above[1] * of_first;
+    x[1] = above[0] * of_first;
+    x[2] = above[3] * of_second;
+    x[3] = above[2] * of_second;
+  }
 }
 
 template <int kPairs, bool kSingle>
 void wiener_group(const FilterKernelJob& job, const BlockGroup& group) {
   Pair pairs[kPairs], pilot[kPairs];
-  transform_group<true, kPairs, kSingle>(job.target.noisy, job.target.stride, group, pairs);
-  transform_group<true, kPairs, kSingle>(job.target.pilot, job.target.stride, group, pilot);
+  transform_group<true, kPairs, kSingle>(job.target.noisy, group, pairs);
+  transform_group<true, kPairs, kSingle>(job.target.pilot, group, pilot);
   const GroupFilter::Tables& table = *job.tables;
-  Floats energy = {};
+  Floats energy[2] = {};  // two, that additions wait less for each other
   for (int r = 0; r < kPatch; ++r) {
-    Floats v[kPairs], gain[kPairs], inverse_noise, mean, scale;
+    // loss: one less the Wiener gain.
+    Floats v[kPairs], loss[kPairs], inverse_noise, mean;
     load(table.power[r].data(), inverse_noise);
     load(table.mean[r].data(), mean);
-    load(table.scale[r].data(), scale);
     HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i) copy(pilot[i].row[r], gain[i]);
-    haar_forward<kPairs, kSingle>(gain);
+    for (int i = 0; i < kPairs; ++i) copy(pilot[i].row[r], loss[i]);
+    haar_forward<kPairs, kSingle>(loss);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i)
-      gain[i] *= gain[i] * (inverse_noise * (1 / squared_norm<kPairs, kSingle>(i)));
-    if constexpr (kPairs == 1) {
-      gain[0] = gain[0] / (gain[0] + 1.0F);
-    } else {
-      HWY_UNROLL(8)
-      for (int i = 0; i < kPairs; i += 2) two_gains(gain[i], gain[i + 1]);
-    }
-    gain[0] = choose(mean > 0.0F, mean, gain[0]);
+      loss[i] *= loss[i] * (inverse_noise * (1 / squared_norm<kPairs, kSingle>(i)));
+    constexpr int kTogether = std::min(kPairs, 4);
+    HWY_UNROLL(4)
+    for (int i = 0; i < kPairs; i += kTogether) losses<kTogether>(loss + i);
+    loss[0] = choose(mean > 0.0F, Floats{}, loss[0]);
     HWY_UNROLL(16)
-    for (int i = 0; i < kPairs; ++i) energy += gain[i] * gain[i];
+    for (int i = 0; i < kPairs; ++i) {
+      const Floats gain = 1.0F - loss[i];
+      energy[i % 2] += gain * gain;
+    }
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) copy(pairs[i].row[r], v[i]);
     haar_forward<kPairs, kSingle>(v);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i)
-      v[i] *= gain[i] * (scale * (1 / squared_norm<kPairs, kSingle>(i)));
+      v[i] *= loss[i] * (table.taken[r] * (1 / squared_norm<kPairs, kSingle>(i)));
     haar_inverse<kPairs, kSingle>(v);
     HWY_UNROLL(16)
     for (int i = 0; i < kPairs; ++i) copy(v[i], pairs[i].row[r]);
   }
-  write_back<true, kPairs, kSingle>(pairs, job, group,
-                                    sum_lanes(energy, kSingle ? kPatch : 2 * kPatch));
+  write_back<true, kPairs, kSingle>(
+      pairs, job, group, sum_lanes(energy[0] + energy[1], kSingle ? kPatch : 2 * kPatch));
 }
 
 template <template <int, bool> class Filter>
@@ -292,68 +302,44 @@ HWY_EXPORT(wiener_groups);
 
 namespace {
 
-/// unscaled coefficient * norm = coefficient of the orthonormal DCT (Arai et al.).
-std::array<double, kPatch> dct_norms() {
-  std::array<double, kPatch> norm{};
-  for (int k = 0; k < kPatch; ++k)
-    norm[static_cast<std::size_t>(k)] =
-        1 / (std::sqrt(8.0) * (k == 0 ? 1 : std::sqrt(2.0) * std::cos(k * std::numbers::pi / 16)));
-  return norm;
-}
-
-/// The same for the biorthogonal transform, which has sqrt(1/2) per level.
-std::array<double, kPatch> biorthogonal_norms() {
-  const double finest = std::sqrt(0.5), coarsest = std::sqrt(0.125);
-  return {coarsest, coarsest, 0.5, 0.5, finest, finest, finest, finest};
-}
-
-/// power[r][lane] = power_of(square of what makes the coefficient orthonormal).
+/// taken: back along the rows; power[r][lane] = power_of(square of what makes the coefficient
+/// orthonormal).
 template <class PowerOf>
-void fill(GroupFilter::Tables& t, const std::array<double, kPatch>& norm,
-          const std::array<double, kPatch>& back, PowerOf power_of) {
-  for (std::size_t r = 0; r < kPatch; ++r)
+void fill(GroupFilter::Tables& t, BlockTransform transform, PowerOf power_of) {
+  const auto norm = transform_norms(transform), back = transform_back(transform);
+  const auto window = kaiser_window();
+  for (std::size_t r = 0; r < kPatch; ++r) {
+    t.taken[r] = static_cast<float>(-back[r]);
+    t.window[r] = static_cast<float>(window[r]);
     for (std::size_t lane = 0; lane < GroupFilter::kLanes; ++lane) {
       const double f = norm[r] * norm[lane % kPatch];
       t.power[r][lane] = static_cast<float>(power_of(f * f));
-      t.scale[r][lane] = static_cast<float>(back[r] * back[lane % kPatch]);
     }
+  }
   t.mean = {};
   t.mean[0][0] = 1;
-}
-
-void fill_window(GroupFilter::Table& table) {
-  const auto window = kaiser_window();
-  for (std::size_t r = 0; r < kPatch; ++r)
-    for (std::size_t lane = 0; lane < GroupFilter::kLanes; ++lane)
-      table[r][lane] = static_cast<float>(window[r] * window[lane % kPatch]);
 }
 
 }  // namespace
 
 GroupFilter GroupFilter::hard(float sigma, float threshold) {
   GroupFilter filter;
-  const auto norm = biorthogonal_norms();
-  auto back = norm;
-  for (double& b : back) b *= b;
   const double limit = double{sigma} * threshold;
-  fill(filter.tables_, norm, back, [&](double norm2) { return limit * limit / norm2; });
-  fill_window(filter.window_);
+  fill(filter.tables_, BlockTransform::biorthogonal,
+       [&](double norm2) { return limit * limit / norm2; });
   return filter;
 }
 
 GroupFilter GroupFilter::wiener(float sigma) {
   GroupFilter filter;
   filter.wiener_ = true;
-  std::array<double, kPatch> back{};
-  back.fill(1.0 / kPatch);
   const double noise = double{sigma} * sigma;
-  fill(filter.tables_, dct_norms(), back, [&](double norm2) { return norm2 / noise; });
-  fill_window(filter.window_);
+  fill(filter.tables_, BlockTransform::dct, [&](double norm2) { return norm2 / noise; });
   return filter;
 }
 
 void GroupFilter::run(std::span<const BlockGroup> groups, const FilterTarget& target) const {
-  const FilterKernelJob job{groups.data(), groups.size(), target, &tables_, window_[0].data()};
+  const FilterKernelJob job{groups.data(), groups.size(), target, &tables_};
   if (wiener_)
     HWY_DYNAMIC_DISPATCH(wiener_groups)(job);
   else

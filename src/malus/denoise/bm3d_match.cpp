@@ -24,11 +24,12 @@
 #define MALUS_BM3D_MATCH_ONCE
 namespace malus::internal {
 
+/// A key is distance << 16 | position in the search order.
 inline constexpr std::uint32_t kNoMatch = 0xFFFFFFFFu;
 
 /// Plain pointers for the kernels.
 struct MatchKernelJob {
-  const std::int16_t* steps;  ///< [plane][row][column modulo step][cell]
+  const std::int16_t* steps;  ///< the tile's first cell
   std::ptrdiff_t plane_stride, row_stride, phase_stride;
   int planes, step, range, first_cell, cell_rows;
   int ref_rows;
@@ -36,13 +37,9 @@ struct MatchKernelJob {
   const Displacement* order;
   int candidates;
   std::uint16_t* limit;  ///< [ref row][kCells]: only smaller distances can enter the list
-  std::uint32_t* lists;  ///< [ref row][kCells][list_stride], sorted keys from kListLead on
-  int group, list_stride;
+  std::uint32_t* lists;  ///< [ref row][kCells][group], sorted; see kNoMatch
+  int group;
 };
-
-/// A key is distance << 16 | position in the search order; before the first key lies room for
-/// a sentinel, so that the list shifted by one can be loaded.
-inline constexpr int kListLead = 16;
 
 }  // namespace malus::internal
 #endif
@@ -54,14 +51,12 @@ namespace hn = hwy::HWY_NAMESPACE;
 using Distance = hn::CappedTag<std::uint16_t, kCells>;
 using Step = hn::CappedTag<std::int16_t, kCells>;
 
-/// Sums over whole cells (full), over their first columns (part_cols), first rows (part_rows), both
-/// (part_both): [cell row][cell], with a cell row's tail staying zero.
+/// Sums over the rows of a block, of a cell's columns (whole) and of its first ones (part):
+/// [row of blocks][cell], with a row's tail staying zero.
 struct CellSums {
-  static constexpr int kStride = kCells + 16;
-  alignas(64) std::uint16_t full[kCells + 8][kStride];
-  alignas(64) std::uint16_t part_cols[kCells + 8][kStride];
-  alignas(64) std::uint16_t part_rows[kCells + 8][kStride];
-  alignas(64) std::uint16_t part_both[kCells + 8][kStride];
+  static constexpr int kStride = 2 * kCells;
+  alignas(64) std::uint16_t whole[kCells][kStride];
+  alignas(64) std::uint16_t part[kCells][kStride];
 };
 
 /// Squared difference; without kClamp the caller has made sure that no difference exceeds 255.
@@ -74,9 +69,37 @@ HWY_INLINE hn::Vec<Distance> squared_difference(const std::int16_t* own,
   return hn::BitCast(Distance(), hn::Mul(d, d));
 }
 
+/// Squared differences of a row of cells: of all their columns, and of the first kPatch % kStep.
+struct RowOfCells {
+  hn::Vec<Distance> whole, part;
+};
+
+template <int kStep, bool kClamp>
+HWY_INLINE RowOfCells row_of_cells(const std::int16_t* own, std::ptrdiff_t phase_stride,
+                                   const std::ptrdiff_t (&other_column)[kStep]) {
+  constexpr int kPart = kPatch % kStep;
+  RowOfCells row{};
+  HWY_UNROLL(8)
+  for (int x = 0; x < kStep; ++x) {
+    const auto square = squared_difference<kClamp>(own + x * phase_stride, own + other_column[x]);
+    row.whole = x == 0 ? square : hn::SaturatedAdd(row.whole, square);
+    if (x == kPart - 1) row.part = row.whole;
+  }
+  return row;
+}
+
+template <int kCount>
+HWY_INLINE hn::Vec<Distance> sum_of(const hn::Vec<Distance> (&rows)[kCount]) {
+  auto total = rows[0];
+  HWY_UNROLL(8)
+  for (int i = 1; i < kCount; ++i) total = hn::SaturatedAdd(total, rows[i]);
+  return total;
+}
+
+/// Sums of all blocks' rows at one displacement.
 template <int kStep, bool kClamp>
 HWY_INLINE void sum_cells(const MatchKernelJob& job, Displacement displacement, CellSums& sums) {
-  constexpr int kPart = kPatch % kStep;
+  constexpr int kPart = kPatch % kStep, kCellsDown = (kPatch + kStep - 1) / kStep;
   const Distance distance;
   std::ptrdiff_t other_column[kStep];
   for (int x = 0; x < kStep; ++x) {
@@ -84,49 +107,83 @@ HWY_INLINE void sum_cells(const MatchKernelJob& job, Displacement displacement, 
     other_column[x] = displacement.row * job.row_stride + (column % kStep) * job.phase_stride +
                       column / kStep - job.first_cell;
   }
-  const std::int16_t* cells = job.steps + job.first_cell + job.range * job.row_stride;
-  for (int cell_row = 0; cell_row < job.cell_rows; ++cell_row, cells += kStep * job.row_stride)
-    for (int cell = 0; cell < kCells; cell += static_cast<int>(hn::Lanes(distance))) {
-      auto full = hn::Zero(distance), part_cols = full, part_rows = full, part_both = full;
+  for (int cell = 0; cell < kCells; cell += static_cast<int>(hn::Lanes(distance))) {
+    // The rows of cells that a block covers, the last of them (of which a part may count) below.
+    hn::Vec<Distance> rows[kCellsDown], part_rows[kCellsDown];
+    for (int i = 0; i < kCellsDown; ++i) rows[i] = part_rows[i] = hn::Zero(distance);
+    const std::int16_t* own = job.steps + cell + job.range * job.row_stride;
+    for (int cell_row = 0; cell_row < job.cell_rows; ++cell_row) {
+      auto whole = hn::Zero(distance), part = whole;
       HWY_UNROLL(8)
-      for (int y = 0; y < kStep; ++y) {
-        auto row = hn::Zero(distance), row_part = row;
-        for (int plane = 0; plane < job.planes; ++plane) {
-          const std::int16_t* own = cells + cell + y * job.row_stride + plane * job.plane_stride;
-          HWY_UNROLL(8)
-          for (int x = 0; x < kStep; ++x) {
-            const auto square =
-                squared_difference<kClamp>(own + x * job.phase_stride, own + other_column[x]);
-            row = hn::SaturatedAdd(row, square);
-            if (x < kPart) row_part = hn::SaturatedAdd(row_part, square);
-          }
+      for (int y = 0; y < kStep; ++y, own += job.row_stride) {
+        RowOfCells row = row_of_cells<kStep, kClamp>(own, job.phase_stride, other_column);
+        for (int plane = 1; plane < job.planes; ++plane) {
+          const auto more = row_of_cells<kStep, kClamp>(own + plane * job.plane_stride,
+                                                        job.phase_stride, other_column);
+          row.whole = hn::SaturatedAdd(row.whole, more.whole);
+          if constexpr (kPart > 0) row.part = hn::SaturatedAdd(row.part, more.part);
         }
-        full = hn::SaturatedAdd(full, row);
-        part_cols = hn::SaturatedAdd(part_cols, row_part);
-        if (y == kPart - 1) {
-          part_rows = full;
-          part_both = part_cols;
+        whole = y == 0 ? row.whole : hn::SaturatedAdd(whole, row.whole);
+        if constexpr (kPart > 0) part = y == 0 ? row.part : hn::SaturatedAdd(part, row.part);
+        if (y == (kPart + kStep - 1) % kStep) {
+          rows[kCellsDown - 1] = whole;
+          part_rows[kCellsDown - 1] = part;
         }
       }
-      hn::StoreU(full, distance, sums.full[cell_row] + cell);
-      if constexpr (kPart > 0) {
-        hn::StoreU(part_cols, distance, sums.part_cols[cell_row] + cell);
-        hn::StoreU(part_rows, distance, sums.part_rows[cell_row] + cell);
-        hn::StoreU(part_both, distance, sums.part_both[cell_row] + cell);
+      const int block_row = cell_row - kCellsDown + 1;
+      if (block_row >= 0) {
+        hn::Store(sum_of(rows), distance, sums.whole[block_row] + cell);
+        if constexpr (kPart > 0)
+          hn::Store(sum_of(part_rows), distance, sums.part[block_row] + cell);
+      }
+      rows[kCellsDown - 1] = whole;
+      part_rows[kCellsDown - 1] = part;
+      HWY_UNROLL(8)
+      for (int i = 0; i + 1 < kCellsDown; ++i) {
+        rows[i] = rows[i + 1];
+        part_rows[i] = part_rows[i + 1];
       }
     }
+  }
 }
 
-/// Sums along a cell row what a block covers of it: whole cells, then the part of the next one.
+/// Sums along a row what blocks cover of it: whole cells, then the part of the next one.
 template <int kStep>
 HWY_INLINE hn::Vec<Distance> along_row(const std::uint16_t* whole, const std::uint16_t* part) {
   constexpr int kWhole = kPatch / kStep, kPart = kPatch % kStep;
   const Distance distance;
-  auto total = hn::LoadU(distance, whole);
+  auto total = hn::Load(distance, whole);
   HWY_UNROLL(8)
   for (int x = 1; x < kWhole; ++x) total = hn::SaturatedAdd(total, hn::LoadU(distance, whole + x));
   if constexpr (kPart > 0) total = hn::SaturatedAdd(total, hn::LoadU(distance, part + kWhole));
   return total;
+}
+
+using Keys4 = std::uint32_t __attribute__((vector_size(16)));
+using Keys8 = std::uint32_t __attribute__((vector_size(32)));
+using Keys16 = std::uint32_t __attribute__((vector_size(64)));
+
+/// here, moved up by one lane; before's last lane comes in.
+template <class Vector>
+HWY_INLINE Vector moved_up(Vector before, Vector here) {
+  using Raw = decltype(here.raw);
+  if constexpr (sizeof(Vector) == sizeof(Keys16)) {
+    return Vector{__builtin_bit_cast(
+        Raw, __builtin_shufflevector(__builtin_bit_cast(Keys16, before.raw),
+                                     __builtin_bit_cast(Keys16, here.raw), 15, 16, 17, 18, 19, 20,
+                                     21, 22, 23, 24, 25, 26, 27, 28, 29, 30))};
+  } else if constexpr (sizeof(Vector) == sizeof(Keys8)) {
+    return Vector{__builtin_bit_cast(
+        Raw,
+        __builtin_shufflevector(__builtin_bit_cast(Keys8, before.raw),
+                                __builtin_bit_cast(Keys8, here.raw), 7, 8, 9, 10, 11, 12, 13, 14))};
+  } else if constexpr (sizeof(Vector) == sizeof(Keys4)) {
+    return Vector{__builtin_bit_cast(
+        Raw, __builtin_shufflevector(__builtin_bit_cast(Keys4, before.raw),
+                                     __builtin_bit_cast(Keys4, here.raw), 3, 4, 5, 6))};
+  } else {
+    return before;  // one lane
+  }
 }
 
 /// Puts key into the sorted list, whose last key falls out; returns the new last distance.
@@ -135,9 +192,11 @@ HWY_INLINE std::uint16_t insert_key(std::uint32_t* list, std::uint32_t key, std:
   const hn::CappedTag<std::uint32_t, kGroup> tag;
   constexpr int kLanes = static_cast<int>(hn::MaxLanes(tag));
   const auto incoming = hn::Set(tag, key);
+  HWY_UNROLL(4)
   for (int i = kGroup - kLanes; i >= 0; i -= kLanes) {
-    const auto here = hn::LoadU(tag, list + i), before = hn::LoadU(tag, list + i - 1);
-    hn::StoreU(hn::Max(before, hn::Min(here, incoming)), tag, list + i);
+    const auto here = hn::Load(tag, list + i);
+    const auto before = i > 0 ? hn::Load(tag, list + i - kLanes) : hn::Zero(tag);
+    hn::Store(hn::Max(moved_up(before, here), hn::Min(here, incoming)), tag, list + i);
   }
   const auto last = static_cast<std::uint16_t>(list[kGroup - 1] >> 16);
   return last < limit ? last : limit;
@@ -157,50 +216,25 @@ HWY_INLINE void collect(const MatchKernelJob& job, hn::Vec<Distance> found, int 
   hn::StoreMaskBits(distance, nearer, bits);
   std::uint64_t set = 0;
   std::memcpy(&set, bits, sizeof(set));
-  std::uint32_t* lists =
-      job.lists + (row * kCells + cell) * std::ptrdiff_t{job.list_stride} + kListLead;
+  std::uint32_t* lists = job.lists + (row * kCells + cell) * std::ptrdiff_t{kGroup};
   for (; set != 0; set &= set - 1) {
     const auto lane = static_cast<int>(hwy::Num0BitsBelowLS1Bit_Nonzero64(set));
     const std::uint32_t key = std::uint32_t{value[lane]} << 16 | static_cast<unsigned>(candidate);
-    limit[lane] =
-        insert_key<kGroup>(lists + lane * std::ptrdiff_t{job.list_stride}, key, limit[lane]);
+    limit[lane] = insert_key<kGroup>(lists + lane * std::ptrdiff_t{kGroup}, key, limit[lane]);
   }
 }
 
 template <int kStep, int kGroup, bool kClamp>
 void search(const MatchKernelJob& job) {
-  constexpr int kWhole = kPatch / kStep;
   const Distance distance;
   CellSums sums;
   std::memset(&sums, 0, sizeof(sums));
   for (int candidate = 1; candidate < job.candidates; ++candidate) {
     sum_cells<kStep, kClamp>(job, job.order[candidate], sums);
-    for (int cell = 0; cell < kCells; cell += static_cast<int>(hn::Lanes(distance))) {
-      // The last kWhole cell rows, summed along the row: a block is their sum and the part below.
-      hn::Vec<Distance> above[kWhole];
-      for (auto& row : above) row = hn::Zero(distance);
-      for (int cell_row = 0; cell_row < job.cell_rows; ++cell_row) {
-        const auto whole =
-            along_row<kStep>(sums.full[cell_row] + cell, sums.part_cols[cell_row] + cell);
-        hn::Vec<Distance> found;
-        if constexpr (kPatch % kStep > 0) {
-          found =
-              along_row<kStep>(sums.part_rows[cell_row] + cell, sums.part_both[cell_row] + cell);
-          HWY_UNROLL(8)
-          for (int i = 0; i < kWhole; ++i) found = hn::SaturatedAdd(found, above[i]);
-        }
-        HWY_UNROLL(8)
-        for (int i = 0; i + 1 < kWhole; ++i) above[i] = above[i + 1];
-        above[kWhole - 1] = whole;
-        if constexpr (kPatch % kStep == 0) {
-          found = above[0];
-          HWY_UNROLL(8)
-          for (int i = 1; i < kWhole; ++i) found = hn::SaturatedAdd(found, above[i]);
-        }
-        const int row = cell_row - (kPatch + kStep - 1) / kStep + 1;
-        if (row >= 0) collect<kGroup>(job, found, row, cell, candidate);
-      }
-    }
+    for (int row = 0; row < job.ref_rows; ++row)
+      for (int cell = 0; cell < kCells; cell += static_cast<int>(hn::Lanes(distance)))
+        collect<kGroup>(job, along_row<kStep>(sums.whole[row] + cell, sums.part[row] + cell), row,
+                        cell, candidate);
   }
 }
 
@@ -253,24 +287,21 @@ HWY_EXPORT(search_tile);
 namespace {
 
 /// Reads the lists of one tile.
-void read_lists(const MatchKernelJob& job, const PaddedPlane& plane, const Bm3dStage& stage,
-                const Tile& tile, std::span<BlockGroup> groups) {
-  const std::ptrdiff_t stride = plane.stride();
-  std::vector<std::int32_t> offset(static_cast<std::size_t>(job.candidates));
-  for (std::size_t i = 0; i < offset.size(); ++i)
-    offset[i] = static_cast<std::int32_t>(job.order[i].row * stride + job.order[i].col);
+void read_lists(const MatchKernelJob& job, const Bm3dStage& stage, const Tile& tile, int pad,
+                const TileRegion& region, std::span<BlockGroup> groups) {
   for (int r = 0; r < tile.ref_rows; ++r)
     for (int c = 0; c < tile.ref_cols; ++c) {
-      const std::uint32_t* list =
-          job.lists + (r * kCells + c) * std::ptrdiff_t{job.list_stride} + kListLead;
+      const std::uint32_t* list = job.lists + (r * kCells + c) * std::ptrdiff_t{job.group};
       auto& group = groups[static_cast<std::size_t>(r * tile.ref_cols + c)];
       group.count = 1;
       while (group.count * 2 <= stage.group && list[group.count * 2 - 1] != kNoMatch)
         group.count *= 2;
-      const auto origin = static_cast<std::int32_t>(
-          (plane.pad + tile.row + r * stage.step) * stride + plane.pad + tile.col + c * stage.step);
-      for (int i = 0; i < group.count; ++i)
-        group.position[static_cast<std::size_t>(i)] = origin + offset[list[i] & 0xFFFF];
+      const int row = pad + tile.row + r * stage.step - region.row;
+      const int col = pad + tile.col + c * stage.step - region.col;
+      for (int i = 0; i < group.count; ++i) {
+        const Displacement found = job.order[list[i] & 0xFFFF];
+        group.place[static_cast<std::size_t>(i)] = region.place(row + found.row, col + found.col);
+      }
     }
 }
 
@@ -287,12 +318,12 @@ std::vector<Displacement> search_order(int range) {
 }
 
 void match_tile(const MatchInput& input, const Bm3dStage& stage,
-                std::span<const Displacement> order, const Tile& tile,
+                std::span<const Displacement> order, const Tile& tile, const TileRegion& region,
                 std::span<BlockGroup> groups) {
   const int step = stage.step;
   const MatchSteps steps = quantise(input, stage, tile);
   MatchKernelJob job{};
-  job.steps = steps.values.data();
+  job.steps = steps.first() + steps.first_cell;
   job.plane_stride = steps.plane_stride;
   job.row_stride = steps.row_stride;
   job.phase_stride = steps.phase_stride;
@@ -306,23 +337,22 @@ void match_tile(const MatchInput& input, const Bm3dStage& stage,
   job.order = order.data();
   job.candidates = static_cast<int>(order.size());
   job.group = std::max(stage.group, 8);
-  job.list_stride = kListLead + job.group;
 
   const std::size_t lists = static_cast<std::size_t>(tile.ref_rows) * kCells;
   const auto limit = hwy::AllocateAligned<std::uint16_t>(lists);
   const auto keys =
-      hwy::AllocateAligned<std::uint32_t>(lists * static_cast<std::size_t>(job.list_stride));
+      hwy::AllocateAligned<std::uint32_t>(lists * static_cast<std::size_t>(job.group));
   for (std::size_t i = 0; i < lists; ++i) {
     limit[i] = static_cast<int>(i % kCells) < tile.ref_cols ? kMatchFullScale : 0;
-    std::uint32_t* list = keys.get() + i * static_cast<std::size_t>(job.list_stride);
-    std::fill(list, list + kListLead + 1, 0U);
-    std::fill(list + kListLead + 1, list + job.list_stride, kNoMatch);
+    std::uint32_t* list = keys.get() + i * static_cast<std::size_t>(job.group);
+    list[0] = 0;  // the reference block itself
+    std::fill(list + 1, list + job.group, kNoMatch);
   }
   job.limit = limit.get();
   job.lists = keys.get();
   HWY_DYNAMIC_DISPATCH(search_tile)(job);
 
-  read_lists(job, *input.planes[0], stage, tile, groups);
+  read_lists(job, stage, tile, input.planes[0]->pad, region, groups);
 }
 
 }  // namespace malus::internal

@@ -45,6 +45,50 @@ int tile_classes(const Bm3dStage& stage, int refs) {
   return (touched + side - 1) / side;
 }
 
+/// What filtering a tile needs beside its groups, by place of the tile's region. Kept from tile to
+/// tile, because fresh memory costs a page fault per 4096 bytes; the sums are zero between tiles.
+struct TileBuffers {
+  std::vector<float> noisy, pilot;                    ///< spectra of columns
+  std::vector<float> residual, weight, passed_noise;  ///< sums; the first of spectra
+
+  void reserve_for(std::size_t places) {
+    for (auto* spectra : {&noisy, &pilot, &residual})
+      spectra->resize(std::max(spectra->size(), places * kPatch));
+    for (auto* sums : {&weight, &passed_noise}) sums->resize(std::max(sums->size(), places));
+  }
+};
+
+/// Filters a tile's groups in one channel, one row of reference blocks after the other: the rows of
+/// places that it reaches come in at the bottom and, when no later one reaches them, go back to the
+/// picture.
+void filter_channel(const PaddedPlane& noisy, const PaddedPlane* pilot, const GroupFilter& filter,
+                    const Bm3dStage& stage, const Tile& tile, std::span<const BlockGroup> groups,
+                    TileBuffers& buffers, Accumulator& sum) {
+  const auto transform = filter.transform();
+  const TileRegion region = region_of(tile, stage, noisy);
+  const bool states_error = !sum.passed_noise.empty();
+  const FilterTarget target{buffers.noisy.data(), pilot ? buffers.pilot.data() : nullptr,
+                            buffers.residual.data(), buffers.weight.data(),
+                            states_error ? buffers.passed_noise.data() : nullptr};
+  const auto move_back = [&](PlaceRows rows) {
+    move_columns(transform, region, rows, target.residual, sum.residual);
+    move_places(region, rows, target.weight, sum.weight);
+    if (states_error) move_places(region, rows, target.passed_noise, sum.passed_noise);
+  };
+  PlaceRows held{};
+  for (int r = 0; r < tile.ref_rows; ++r) {
+    const PlaceRows reached = rows_reached(tile, stage, region, r);
+    move_back({held.begin, reached.begin});
+    const PlaceRows new_rows{held.end, reached.end};
+    transform_columns(transform, noisy, region, new_rows, buffers.noisy.data());
+    if (pilot) transform_columns(transform, *pilot, region, new_rows, buffers.pilot.data());
+    held = reached;
+    const auto refs = static_cast<std::size_t>(tile.ref_cols);
+    filter.run(groups.subspan(static_cast<std::size_t>(r) * refs, refs), target);
+  }
+  move_back(held);
+}
+
 void filter_tile(const Work& work, const std::vector<PaddedPlane>& match_source,
                  const std::vector<PaddedPlane>* pilot, const Bm3dStage& stage,
                  const std::vector<Displacement>& order, const std::vector<GroupFilter>& filters,
@@ -57,15 +101,14 @@ void filter_tile(const Work& work, const std::vector<PaddedPlane>& match_source,
       scale.push_back(
           static_cast<float>(match_scale(stage.match_limit, work.match_weight[c], work.sigma[c])));
     }
+  const TileRegion region = region_of(tile, stage, *planes[0]);
   std::vector<BlockGroup> groups(static_cast<std::size_t>(tile.ref_rows * tile.ref_cols));
-  match_tile({planes, scale}, stage, order, tile, groups);
+  match_tile({planes, scale}, stage, order, tile, region, groups);
+  thread_local TileBuffers buffers;
+  buffers.reserve_for(region.places());
   for (std::size_t c = 0; c < work.channels.size(); ++c)
-    filters[c].run(
-        groups,
-        {work.noisy[c].data.values().data(), pilot ? (*pilot)[c].data.values().data() : nullptr,
-         sums[c].residual.values().data(), sums[c].weight.values().data(),
-         sums[c].passed_noise.empty() ? nullptr : sums[c].passed_noise.values().data(),
-         work.noisy[c].stride()});
+    filter_channel(work.noisy[c], pilot ? &(*pilot)[c] : nullptr, filters[c], stage, tile, groups,
+                   buffers, sums[c]);
 }
 
 /// One pass over the picture; sums start from zero.

@@ -100,25 +100,30 @@ MatchSteps quantise(const MatchInput& input, const Bm3dStage& stage, const Tile&
   steps.first_cell = (stage.range + stage.step - 1) / stage.step;
   steps.cell_rows = tile.ref_rows + (kPatch + stage.step - 1) / stage.step - 1;
   const Extent extent = extent_of(*input.planes[0], stage, tile, steps);
-  steps.phase_stride = (extent.cols / stage.step + 31) / 32 * 32;
+  constexpr int kVector = 32;  // cells in the widest
+  steps.phase_stride = (extent.cols / stage.step + kVector - 1) / kVector * kVector;
   steps.row_stride = steps.phase_stride * stage.step;
   steps.plane_stride = steps.row_stride * extent.rows;
-  steps.values.resize(input.planes.size() * static_cast<std::size_t>(steps.plane_stride));
+  const std::size_t size = input.planes.size() * static_cast<std::size_t>(steps.plane_stride);
+  steps.values.resize(size + 2 * kVector);
+  const auto tile_cell = reinterpret_cast<std::uintptr_t>(steps.values.data() + steps.first_cell);
+  steps.offset = (kVector - tile_cell / sizeof(std::int16_t) % kVector) % kVector;
 
+  const auto out = [&](std::size_t plane) {
+    return steps.values.data() + steps.offset + std::ptrdiff_t(plane) * steps.plane_stride;
+  };
   std::vector<int> smallest;
   for (std::size_t p = 0; p < input.planes.size(); ++p) {
     const auto& plane = *input.planes[p];
     const float first = plane.data(plane.pad + tile.row, plane.pad + tile.col);
     const auto [low, high] =
-        quantise_plane(plane, input.scale[p], first, extent, stage.step, steps,
-                       steps.values.data() + std::ptrdiff_t(p) * steps.plane_stride);
+        quantise_plane(plane, input.scale[p], first, extent, stage.step, steps, out(p));
     smallest.push_back(low);
     steps.clamp |= high - low > kUnclampedSpan;
   }
   for (std::size_t p = 0; p < input.planes.size(); ++p)
     fill_outside(extent, stage.step, steps,
-                 steps.clamp ? kOutside : static_cast<std::int16_t>(smallest[p] + 255),
-                 steps.values.data() + std::ptrdiff_t(p) * steps.plane_stride);
+                 steps.clamp ? kOutside : static_cast<std::int16_t>(smallest[p] + 255), out(p));
   return steps;
 }
 

@@ -6,6 +6,7 @@ set(denoise_SOURCES
     bm3d_match.cpp
     bm3d_parameters.cpp
     bm3d_pass.cpp
+    bm3d_spectra.cpp
     bm3d_steps.cpp
     block_mix.cpp
     bm3d_mix.cpp

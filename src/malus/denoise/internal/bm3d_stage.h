@@ -1,8 +1,9 @@
 // The pieces of one BM3D pass as the driver sees them: padded planes, block matching of a tile of
-// reference blocks, collaborative filtering of the groups.
+// reference blocks, the transform of the tile's columns, collaborative filtering of the groups.
 #pragma once
 
 #include "malus/denoise/internal/bm3d_parameters.h"
+#include "malus/denoise/internal/bm3d_transform.h"
 #include "malus/image/view.h"
 
 #include <array>
@@ -43,17 +44,40 @@ struct Displacement {
 };
 std::vector<Displacement> search_order(int range);
 
-/// Positions of a group's blocks, best first, as offsets from the padded plane's first element; the
-/// first is the reference block itself.
-struct BlockGroup {
-  std::int32_t count;  ///< a power of two
-  std::array<std::int32_t, kMaxGroup> position;
-};
-
 /// One tile of reference blocks: refs start at (row, col) of the picture.
 struct Tile {
   int row, col;
   int ref_rows, ref_cols;  ///< at most tile_rows and tile_columns
+};
+
+/// The places where the blocks of a tile's groups may begin, and the columns of those blocks. What
+/// is stored by place holds the rows that one row of reference blocks reaches, in a ring.
+struct TileRegion {
+  int row, col;  ///< the first place, in the padded picture
+  int rows;      ///< of places
+  int cols;      ///< of pixels
+  int stride;    ///< cols, rounded up to whole vectors
+  int ring;      ///< rows that are stored
+  std::int32_t place(int r, int c) const { return r % ring * stride + c; }
+  std::size_t places() const {
+    return static_cast<std::size_t>(ring) * static_cast<std::size_t>(stride);
+  }
+};
+TileRegion region_of(const Tile& tile, const Bm3dStage& stage, const PaddedPlane& plane);
+
+/// Rows of a region's places.
+struct PlaceRows {
+  int begin, end;
+};
+/// Those that the groups of one of the tile's rows of reference blocks reach.
+PlaceRows rows_reached(const Tile& tile, const Bm3dStage& stage, const TileRegion& region,
+                       int ref_row);
+
+/// The places of a group's blocks, best first, as numbered by the tile's region; the first is the
+/// reference block itself.
+struct BlockGroup {
+  std::int32_t count;  ///< a power of two
+  std::array<std::int32_t, kMaxGroup> place;
 };
 
 /// What multiplies a plane before matching: values become steps of a fraction of sigma, such that
@@ -73,33 +97,47 @@ inline constexpr int kCells = 32;
 /// A tile and its surroundings as the search reads them: integers, with the columns of each row
 /// sorted by column modulo step.
 struct MatchSteps {
-  std::vector<std::int16_t> values;  ///< [plane][row][column modulo step][cell]
+  std::vector<std::int16_t> values;  ///< from `offset` on [plane][row][column modulo step][cell]
+  std::size_t offset;                ///< such that the tile's first cells lie at whole vectors
   std::ptrdiff_t plane_stride, row_stride, phase_stride;
   int first_cell;  ///< cells left of the tile's first
   int cell_rows;   ///< rows of cells that the tile's blocks cover
   bool clamp;      ///< differences may exceed 255
+  const std::int16_t* first() const { return values.data() + offset; }
 };
 
 MatchSteps quantise(const MatchInput& input, const Bm3dStage& stage, const Tile& tile);
 
-/// Finds the groups of a tile. Candidates lie where reference blocks may lie, so never in the
-/// padding but for what the lattice needs. For every reference the stage.group nearest candidates
-/// whose distance is below kMatchFullScale, cut down to a power of two. groups: ref_rows *
-/// ref_cols, row by row.
+/// Finds the groups of a tile with its region. Candidates lie where reference blocks may lie, so
+/// never in the padding but for what the lattice needs. For every reference the stage.group nearest
+/// candidates whose distance is below kMatchFullScale, cut down to a power of two. groups: ref_rows
+/// * ref_cols, row by row.
 void match_tile(const MatchInput& input, const Bm3dStage& stage,
-                std::span<const Displacement> order, const Tile& tile,
+                std::span<const Displacement> order, const Tile& tile, const TileRegion& region,
                 std::span<BlockGroup> groups);
 
-/// Where groups of one channel are read from and their estimates are added to. All have the padded
-/// size.
+/// What overlapping blocks share. spectra: [place][kPatch], for every place of these rows the eight
+/// pixels from there downwards, transformed (unscaled). So a block is eight neighbouring places, 64
+/// floats in a row, with half of its 2-D transform done.
+void transform_columns(BlockTransform transform, const PaddedPlane& plane, const TileRegion& region,
+                       PlaceRows rows, float* spectra);
+
+/// The way back, which is linear too, so that blocks are summed before it: adds to plane, for every
+/// place, the inverse transform of its eight coefficients times the window. Leaves zeros in
+/// spectra.
+void move_columns(BlockTransform transform, const TileRegion& region, PlaceRows rows,
+                  float* spectra, Image& plane);
+
+/// Adds one number per place to plane and leaves zeros.
+void move_places(const TileRegion& region, PlaceRows rows, float* values, Image& plane);
+
+/// Where the groups of one channel are read from and added to, by place of the tile's region.
 struct FilterTarget {
-  const float* noisy;
-  const float* pilot;   ///< null in the first pass
-  float* residual;      ///< += weight * window * (estimate - noisy), per pixel
-  float* weight;        ///< += weight, at the block's first pixel
-  float* passed_noise;  ///< += weight * share of the noise that passed, at the block's first pixel;
-                        ///< may be null
-  std::ptrdiff_t stride;
+  const float* noisy;   ///< spectra of the columns
+  const float* pilot;   ///< likewise; null in the first pass
+  float* residual;      ///< += weight * window along the row * (estimate - noisy), likewise
+  float* weight;        ///< += weight, at the block's place
+  float* passed_noise;  ///< += weight * share of the noise that passed, there; may be null
 };
 
 /// Shrinkage constants of one channel, for every group size; built once per pass.
@@ -109,22 +147,26 @@ class GroupFilter {
   static GroupFilter hard(float sigma, float threshold);
   /// Second pass: empirical Wiener gains from the pilot.
   static GroupFilter wiener(float sigma);
+  BlockTransform transform() const {
+    return wiener_ ? BlockTransform::dct : BlockTransform::biorthogonal;
+  }
   void run(std::span<const BlockGroup> groups, const FilterTarget& target) const;
 
   static constexpr int kLanes = 16;
-  /// In the layout of the kernels: [row of coefficients][lane], two blocks side by side.
+  /// In the layout of the kernels: [coefficient along the row][lane], the coefficients down the
+  /// columns of two blocks side by side.
   using Table = std::array<std::array<float, kLanes>, kPatch>;
   struct Tables {
-    alignas(64) Table power;  ///< hard: smallest power kept; Wiener: 1 / noise power
-    alignas(64) Table mean;   ///< 1 at the group's mean, which is never shrunk
-    alignas(64) Table scale;  ///< back to pixels
+    alignas(64) Table power;           ///< hard: smallest power kept; Wiener: 1 / noise power
+    alignas(64) Table mean;            ///< 1 at the group's mean, which is never shrunk
+    std::array<float, kPatch> taken;   ///< back along the row; negative: what is filtered away
+    std::array<float, kPatch> window;  ///< along the row
   };
 
  private:
   GroupFilter() = default;
   bool wiener_ = false;
   Tables tables_;
-  alignas(64) Table window_;
 };
 
 }  // namespace malus::internal

@@ -1,5 +1,5 @@
 // The 8-point transforms and the window of BM3D as plain matrices: the definition that the fast
-// code is tested against.
+// code is tested against. What the fast code's unscaled transforms are scaled by.
 #pragma once
 
 #include "malus/denoise/internal/bm3d_parameters.h"
@@ -73,6 +73,31 @@ inline Matrix8 biorthogonal_inverse() {
     }
   }
   return m;
+}
+
+enum class BlockTransform { biorthogonal, dct };
+
+/// Unscaled coefficient * norm = coefficient of the matrix. DCT: Arai et al.; the biorthogonal
+/// transform has sqrt(1/2) per level.
+inline std::array<double, kPatch> transform_norms(BlockTransform transform) {
+  if (transform == BlockTransform::biorthogonal) {
+    const double finest = std::sqrt(0.5), coarsest = std::sqrt(0.125);
+    return {coarsest, coarsest, 0.5, 0.5, finest, finest, finest, finest};
+  }
+  std::array<double, kPatch> norm{};
+  for (int k = 0; k < kPatch; ++k)
+    norm[static_cast<std::size_t>(k)] =
+        1 / (std::sqrt(8.0) * (k == 0 ? 1 : std::sqrt(2.0) * std::cos(k * std::numbers::pi / 16)));
+  return norm;
+}
+
+/// What unscaled coefficients are multiplied by before the fast inverse transform: powers of two.
+inline std::array<double, kPatch> transform_back(BlockTransform transform) {
+  std::array<double, kPatch> back{};
+  back.fill(1.0 / kPatch);
+  if (transform == BlockTransform::biorthogonal)
+    back = {0.125, 0.125, 0.25, 0.25, 0.5, 0.5, 0.5, 0.5};
+  return back;
 }
 
 /// Kaiser window over eight samples, β = 2; blocks are aggregated with its outer product.

@@ -1,6 +1,7 @@
-// The transforms of the collaborative filter on pairs of blocks: biorthogonal and DCT in the plane,
-// Haar along the group. No include guard: bm3d_filter.cpp includes it once per instruction set,
-// inside that set's namespace, after wide-inl.h.
+// The transforms of the collaborative filter on pairs of blocks: biorthogonal and DCT along a
+// direction of the plane, Haar along the group. No include guard: bm3d_spectra.cpp and
+// bm3d_filter.cpp include it once per instruction set, inside that set's namespace, after
+// wide-inl.h.
 
 /// Row r of two blocks: lanes 0-7 of the first, 8-15 of the second.
 struct Pair {
@@ -144,31 +145,21 @@ HWY_INLINE void dct_inverse(Vector (&x)[kPatch]) {
   x[4] = e3 - o4;
 }
 
-/// Of one block, or of the two of a pair; kDct: else biorthogonal.
+/// Across the eight vectors, lane by lane; kDct: else biorthogonal.
 template <bool kDct, class Vector>
-HWY_INLINE void forward_2d(Vector (&x)[kPatch]) {
-  if constexpr (kDct) {
+HWY_INLINE void forward(Vector (&x)[kPatch]) {
+  if constexpr (kDct)
     dct_forward(x);
-    transpose(x);
-    dct_forward(x);
-  } else {
+  else
     biorthogonal_forward(x);
-    transpose(x);
-    biorthogonal_forward(x);
-  }
 }
 
 template <bool kDct, class Vector>
-HWY_INLINE void inverse_2d(Vector (&x)[kPatch]) {
-  if constexpr (kDct) {
+HWY_INLINE void inverse(Vector (&x)[kPatch]) {
+  if constexpr (kDct)
     dct_inverse(x);
-    transpose(x);
-    dct_inverse(x);
-  } else {
+  else
     biorthogonal_inverse(x);
-    transpose(x);
-    biorthogonal_inverse(x);
-  }
 }
 
 /// Sum and difference of a vector's two blocks.

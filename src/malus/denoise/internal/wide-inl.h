@@ -105,6 +105,20 @@ HWY_INLINE Vector root(const Vector& v) {
   }
 }
 
+/// The smaller of a lane and a number.
+template <class Vector>
+HWY_INLINE Vector smaller(const Vector& v, float number) {
+  if constexpr (kIsTwo<Vector>) {
+    return {smaller(v.low, number), smaller(v.high, number)};
+  } else if constexpr (sizeof(Vector) > HWY_MAX_BYTES) {
+    return v < number ? v : number - Vector{};  // no instruction set at all
+  } else {
+    const hwy::HWY_NAMESPACE::FixedTag<float, sizeof(Vector) / sizeof(float)> tag;
+    using Wide = hwy::HWY_NAMESPACE::Vec<decltype(tag)>;
+    return hwy::HWY_NAMESPACE::Min(Wide{v}, hwy::HWY_NAMESPACE::Set(tag, number)).raw;
+  }
+}
+
 /// The number in all lanes.
 template <class Vector>
 HWY_INLINE Vector all(float number) {
