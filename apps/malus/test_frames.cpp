@@ -57,10 +57,8 @@ NoiseProfile profile_of_capture(const RawFrame& noisy, const NoiseModel& model) 
   return std::move(made.profile);
 }
 
-// White above black of the reference, which is at the camera's own levels, too.
-double white_of_reference(const RawFrame& reference, const RawFrame& noisy) {
-  if (reference.white_known) return white_above_black(reference.white_dn, reference.black_dn);
-  if (noisy.white_known) return white_above_black(noisy.white_dn, noisy.black_dn);
+double require_white(const RawFrame& reference, const RawFrame& noisy) {
+  if (const auto white_dn = white_of_reference(reference, noisy)) return *white_dn;
   throw InputError(reference.source, "does not tell its white level, nor does the short frame",
                    "give the camera's model with --model");
 }
@@ -164,7 +162,7 @@ void OpenTestFrames::run_capture(Capture& capture, const SceneRun& run) const {
   warn_of_guesses(frame);
   RawFrame reference = load_reference(pair, frame);
   if (model_) noisy.profile = profile_of_capture(frame, *model_);
-  noisy.range_dn = white_of_reference(reference, frame);
+  noisy.range_dn = require_white(reference, frame);
   capture.unknown_share = mark_and_tell(reference, noisy.range_dn, noisy.profile.defects);
   const MosaicWindow window = middle_window(frame.dn.rows(), frame.dn.cols(), frame.layout,
                                             named_.scenes.crop, noisy.profile.row_group);

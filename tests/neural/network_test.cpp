@@ -227,5 +227,29 @@ TEST(StokesLoss, MatchesItsClosedForm) {
   EXPECT_NEAR(l1_distance(output, target).item<double>(), 0.3 / 4, 1e-12);
 }
 
+// One of four angles is not known: three values remain for L1, and the Stokes parameter S2 alone.
+TEST(Losses, LeaveOutWhatTheTargetDoesNotTell) {
+  const auto layout = SensorLayout::named("polar-mono");
+  auto target = torch::rand({1, 4, 1, 1}, torch::kDouble);
+  auto output = (target + 0.1).detach();
+  output.select(1, layout.find(Color::kMono, 0)) += 5;
+  output.select(1, layout.find(Color::kMono, 45)) += 0.3;
+  output.requires_grad_();
+  target.select(1, layout.find(Color::kMono, 0)).fill_(std::nan(""));
+  const auto l1 = l1_distance(output, target), stokes = stokes_loss(output, target, layout);
+  EXPECT_NEAR(l1.item<double>(), 0.6 / 3, 1e-12);
+  EXPECT_NEAR(stokes.item<double>(), 0.3, 1e-12);
+  (l1 + stokes).backward();
+  const auto gradient_of = [&](int angle) {
+    return output.grad().select(1, layout.find(Color::kMono, angle)).item<double>();
+  };
+  EXPECT_EQ(gradient_of(0), 0);
+  EXPECT_NEAR(gradient_of(45), 1.0 / 3 + 1, 1e-12);
+  EXPECT_NEAR(gradient_of(90), 1.0 / 3, 1e-12);
+  EXPECT_NEAR(gradient_of(135), 1.0 / 3 - 1, 1e-12);
+  const auto nothing = l1_distance(output, torch::full_like(target, std::nan("")));
+  EXPECT_EQ(nothing.item<double>(), 0);
+}
+
 }  // namespace
 }  // namespace malus

@@ -216,7 +216,7 @@ TEST(PictureExamples, OfCapturedPairsAreTheirPictureOrDemosaicked) {
     EXPECT_NE(refused(Planes(planes, 32, 48)).find("picture.npy: "), std::string::npos) << planes;
   Planes holed = shot.rgb_dn;
   for (float& v : holed[1].values()) v = std::nanf("");
-  EXPECT_NE(refused(holed).find("picture.npy: 256 pixels are NaN"), std::string::npos);
+  EXPECT_NE(refused(holed).find("picture.npy: 1536 pixels are NaN"), std::string::npos);
 }
 
 // A target that counts its own pixels, twice as fine as the input: patches must stay aligned.

@@ -4,9 +4,11 @@
 #include "malus/io/frame_file.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/shard.h"
+#include "malus/neural/internal/example_pool.h"
 #include "malus/neural/internal/raw_pairs.h"
 #include "malus/neural/trainer.h"
 
+#include <cmath>
 #include <fstream>
 
 #include "problem_of.h"
@@ -145,6 +147,93 @@ TEST(RecordedPairs, BiasThatAReferenceHoldsIsTakenOff) {
   EXPECT_FLOAT_EQ(
       light(R"(, "bias_removed": false, "reference_gain": {"gain_db": 24, "iso": null})"),
       (300 - static_cast<float>(profile.channels[0].bias_dn)) / 10);
+}
+
+// A reference that is so bright in its upper left quarter.
+void save_bright_corner(const TemporaryFolder& folder, double corner_dn) {
+  Image reference(64, 64, 300.0f);
+  for (int r = 0; r < 32; ++r)
+    for (int c = 0; c < 32; ++c) reference(r, c) = static_cast<float>(corner_dn);
+  SaveOptions save;
+  save.force = true;
+  save_picture(folder / "reference.npy", reference, save);
+}
+
+double white_of_camera() {
+  const NoiseModel model = load_model("imx250mzr-simulated");
+  return white_above_black(model.white_dn, model.black_dn);
+}
+
+TEST(RecordedPairs, WhiteOfAReferenceIsNotKnown) {
+  const TemporaryFolder folder;
+  const TrainingConfig config = recorded_list(folder);
+  save_bright_corner(folder, white_of_camera());
+  const Image clean_dn = make_pair_source(config)->pair(1, 0).clean_dn;
+  for (int r = 0; r < 64; ++r)
+    for (int c = 0; c < 64; ++c)
+      if (r < 32 && c < 32)
+        EXPECT_TRUE(std::isnan(clean_dn(r, c)));
+      else
+        EXPECT_EQ(clean_dn(r, c), 300);
+  save_bright_corner(folder, 0.9 * white_of_camera());
+  EXPECT_EQ(make_pair_source(config)->pair(1, 0).clean_dn(0, 0),
+            static_cast<float>(0.9 * white_of_camera()));
+}
+
+// A display shows no more than white, so there white is what it should show.
+TEST(RecordedPairs, WhiteIsATargetOfDisplayedPicturesAlone) {
+  const TemporaryFolder folder;
+  TrainingConfig config = recorded_list(folder);
+  std::ofstream(folder / "pairs.json")
+      << R"({"pairs": [{"short": "short.npy", "reference": "reference.npy", "ratio": 1,)"
+      << R"( "gain_db": null, "iso": 1600}]})";
+  config.models = {"nikon-d850"};
+  const NoiseModel camera = load_model("nikon-d850");
+  save_bright_corner(folder, white_above_black(camera.white_dn, camera.black_dn));
+  PackageSettings& settings = config.package.settings;
+  settings.layout = camera.layout.name();
+  settings.domain = "linear";
+  settings.residual = false;
+  for (const char* target : {"rgb", "srgb"}) {
+    settings.target = target;
+    const RawPair pair = make_pair_source(config)->pair(1, 0);
+    const torch::Tensor planes = make_example(pair, config.package).target;
+    ASSERT_EQ(planes.sizes(), torch::IntArrayRef({3, 64, 64}));
+    torch::Tensor unknown = torch::zeros({3, 64, 64}, torch::kBool);
+    if (settings.target == "rgb") unknown.slice(1, 0, 32).slice(2, 0, 32).fill_(true);
+    EXPECT_TRUE(torch::equal(planes.isnan(), unknown)) << target;
+  }
+}
+
+TEST(RecordedPairs, ThatAreWhiteAllOverAreNamed) {
+  const TemporaryFolder folder;
+  const TrainingConfig config = recorded_list(folder, static_cast<float>(white_of_camera()));
+  const std::string line = problem_of([&] { make_pair_source(config)->pair(1, 0); });
+  EXPECT_NE(line.find("reference.npy: tells no light"), std::string::npos) << line;
+}
+
+// Whatever a reference holds where it is at white, the losses are the same.
+TEST(RecordedPairs, WhiteOfAReferenceIsNotTaught) {
+  const TemporaryFolder folder;
+  TrainingConfig config = recorded_list(folder);
+  config.package.network =
+      fitted_network({"unet", {{"width", 2}, {"levels", 2}}}, config.package.settings);
+  config.data.example = config.data.patch = 64;
+  config.train.steps = 3;
+  config.train.batch = 1;
+  const auto worker = single_worker();
+  config.train.log_every = 1;
+  const auto losses_of = [&](const char* run, double corner_dn) {
+    save_bright_corner(folder, corner_dn);
+    const auto record = train(config, {folder / run, false, false, 1}, *worker, silent_progress());
+    std::vector<double> losses;
+    for (const auto& line : record["log"]) losses.push_back(line["loss"].get<double>());
+    return losses;
+  };
+  const auto white = losses_of("white", white_of_camera());
+  EXPECT_EQ(white.size(), 3u);
+  EXPECT_EQ(white, losses_of("whiter", 1.5 * white_of_camera()));
+  EXPECT_LT(2 * white.front(), losses_of("grey", 0.5 * white_of_camera()).front());
 }
 
 TEST(RecordedPairs, NeedAModelOfThePackagesLayout) {

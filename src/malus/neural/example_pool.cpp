@@ -20,6 +20,15 @@ namespace {
 constexpr int kSettlingSteps = ExamplePool::kMeasuringSteps / 5;
 constexpr double kShareOfPace = 0.9;
 
+// Pixels that are not known are filled for the sake of their neighbours, and forgotten after it.
+Planes colors_of(const Image& clean_dn, const SensorLayout& layout) {
+  Planes colors = demosaick_bayer(clean_dn, layout);
+  for (Image& plane : colors)
+    for (std::size_t i = 0; i < plane.size(); ++i)
+      if (std::isnan(clean_dn.values()[i])) plane.values()[i] = clean_dn.values()[i];
+  return colors;
+}
+
 }  // namespace
 
 PoolShape pool_shape(const TrainingConfig& config, const Workers& workers, bool on_gpu,
@@ -56,7 +65,7 @@ TrainingExample make_example(const RawPair& pair, const NetworkPackage& package)
     return {input, frame.domain.clean_planes(pair.clean_dn)[0], pair.noisy.source};
   const Planes rgb_dn = pair.clean_rgb_dn.channels() == 3
                             ? pair.clean_rgb_dn
-                            : demosaick_bayer(pair.clean_dn, package.layout());
+                            : colors_of(pair.clean_dn, package.layout());
   return {input, picture_target(settings, frame.domain, rgb_dn)[0], pair.noisy.source};
 }
 

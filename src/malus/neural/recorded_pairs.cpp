@@ -21,6 +21,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -194,7 +195,8 @@ class CapturedPairs final : public PairSource {
         path_(config.models.front()),
         gains_(gain_range(config.synthesis.extrapolate_gain)),
         windows_(model_, config.data.example),
-        with_picture_(config.package.gives_picture()) {
+        with_picture_(config.package.gives_picture()),
+        displayed_(config.package.settings.gives() == NetworkTarget::kSrgb) {
     for (const fs::path& path : config.pairs)
       for (RecordedPair& pair : load_pair_list(path)) pairs_.push_back(std::move(pair));
     if (pairs_.empty())
@@ -206,24 +208,14 @@ class CapturedPairs final : public PairSource {
     const RecordedPair& recorded = pairs_[pick(random, pairs_.size())];
     RawPair pair;
     pair.noisy = load_of_sensor(recorded.noisy);
-    std::vector<Image> clean{clean_of(recorded)};
-    if (with_picture_ && !recorded.picture.empty())
-      for (Image& plane : load_colors(recorded))
-        clean.push_back(light_of_reference(std::move(plane), nullptr, recorded.ratio));
-    for (const Image& plane : clean)
-      if (plane.rows() != pair.noisy.dn.rows() || plane.cols() != pair.noisy.dn.cols())
-        throw InputError(recorded.noisy.string(), "has another size than its reference",
-                         "make the pairs again");
+    const std::vector<Image> clean = clean_planes(recorded, pair.noisy);
     const MosaicWindow part = windows_.draw(clean.front(), random);
     pair.noisy.dn = part_of(pair.noisy.dn, part);
     require_finite(pair.noisy.dn, recorded.noisy.string());
     pair.clean_dn = part_of(clean.front(), part);
-    require_finite(pair.clean_dn, recorded.reference.string());
     if (clean.size() > 1) pair.clean_rgb_dn = Planes(3, 0, 0);
-    for (int k = 0; k < pair.clean_rgb_dn.channels(); ++k) {
+    for (int k = 0; k < pair.clean_rgb_dn.channels(); ++k)
       pair.clean_rgb_dn[k] = part_of(clean[static_cast<std::size_t>(k) + 1], part);
-      require_finite(pair.clean_rgb_dn[k], recorded.picture.string());
-    }
     pair.profile = denoising_profile(pair.noisy, model_, recorded.gain, gains_);
     pair.ratio = recorded.ratio;
     return pair;
@@ -244,8 +236,36 @@ class CapturedPairs final : public PairSource {
     return frame;
   }
 
-  Image clean_of(const RecordedPair& recorded) const {
-    Image reference_dn = load_of_sensor(recorded.reference).dn;
+  // The mosaic, and after it the colours of a pair that has them where the network gives a picture,
+  // at the noisy frame's light. What they do not tell of it is NaN.
+  std::vector<Image> clean_planes(const RecordedPair& recorded, const RawFrame& noisy) const {
+    RawFrame reference = load_of_sensor(recorded.reference);
+    const double white_dn =
+        displayed_ ? std::numeric_limits<double>::infinity()
+                   : white_of_reference(reference, noisy)
+                         .value_or(white_above_black(model_.white_dn, model_.black_dn));
+    const DefectList defects =
+        model_.defects.empty() ? DefectList{} : model_.profile_at(recorded.gain, gains_).defects;
+    const auto checked = [&](Image plane, const fs::path& file) {
+      if (plane.rows() != noisy.dn.rows() || plane.cols() != noisy.dn.cols())
+        throw InputError(recorded.noisy.string(), "has another size than its reference",
+                         "make the pairs again");
+      require_finite(plane, file.string());
+      if (mark_unknown(plane, white_dn, defects) == static_cast<std::int64_t>(plane.size()))
+        throw InputError(file.string(), "tells no light: all of its pixels are at white",
+                         "expose the reference below white, or leave the pair out");
+      return plane;
+    };
+    std::vector<Image> planes{
+        light_of(recorded, checked(std::move(reference.dn), recorded.reference))};
+    if (with_picture_ && !recorded.picture.empty())
+      for (Image& plane : load_colors(recorded))
+        planes.push_back(light_of_reference(checked(std::move(plane), recorded.picture), nullptr,
+                                            recorded.ratio));
+    return planes;
+  }
+
+  Image light_of(const RecordedPair& recorded, Image reference_dn) const {
     if (!recorded.bias_at)
       return light_of_reference(std::move(reference_dn), nullptr, recorded.ratio);
     const NoiseProfile bias = model_.profile_at(*recorded.bias_at, gains_);
@@ -257,6 +277,7 @@ class CapturedPairs final : public PairSource {
   GainRange gains_;
   ExampleWindows windows_;
   bool with_picture_;
+  bool displayed_;  ///< where the display's white is white, whatever light is above it
   std::vector<RecordedPair> pairs_;
 };
 

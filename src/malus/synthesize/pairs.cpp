@@ -95,6 +95,12 @@ double clipped_share(View<const float> reference_dn, double white_dn) {
   return static_cast<double>(clipped) / static_cast<double>(pixels);
 }
 
+std::optional<double> white_of_reference(const RawFrame& reference, const RawFrame& short_frame) {
+  for (const RawFrame* frame : {&reference, &short_frame})
+    if (frame->white_known) return white_above_black(frame->white_dn, frame->black_dn);
+  return std::nullopt;
+}
+
 std::int64_t mark_unknown(Image& reference_dn, double white_dn, const DefectList& defects) {
   constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
   if (defects.rows == reference_dn.rows() && defects.cols == reference_dn.cols())

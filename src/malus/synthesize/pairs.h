@@ -39,6 +39,10 @@ Estimate<double> relative_intensity(View<const float> short_dn, View<const float
 /// frames at least, and they are darker than the scene. white_dn: above black, like the reference.
 double clipped_share(View<const float> reference_dn, double white_dn);
 
+/// White above black of a reference at its own light, as its file tells it, else that of its short
+/// frame, which is of the same camera; nothing where neither does.
+std::optional<double> white_of_reference(const RawFrame& reference, const RawFrame& short_frame);
+
 /// Makes those pixels of a reference NaN that do not tell the light of its scene: the ones that
 /// clipped_share counts, and defects where their list is of a sensor of this size. Returns how many
 /// pixels are no finite numbers then.

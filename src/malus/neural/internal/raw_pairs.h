@@ -16,9 +16,11 @@ namespace malus {
 
 struct RawPair {
   RawFrame noisy;
-  Image clean_dn;  ///< DN above black and bias, at the noisy frame's light
+  /// DN above black and bias, at the noisy frame's light; NaN where a captured reference does not
+  /// tell it: no loss counts such pixels.
+  Image clean_dn;
   /// The same light as R, G, B of the mosaic's size, where a network's target asks for it and the
-  /// source knows more than the mosaic; else empty.
+  /// source knows more than the mosaic; else empty. NaN as above.
   Planes clean_rgb_dn;
   NoiseProfile profile;
   double ratio = 1;  ///< low-light ratio: clean_dn * ratio is the reference
