@@ -200,18 +200,10 @@ RawFrame load_reference(const RecordedPair& capture, const RawFrame& noisy) {
   return reference;
 }
 
-Image light_of(const RecordedPair& capture, Image reference_dn, const NoiseModel* model,
-               double ratio) {
-  if (!model || !capture.bias_at)
-    return light_of_reference(std::move(reference_dn), nullptr, ratio);
-  const NoiseProfile bias = model->profile_at(*capture.bias_at);
-  return light_of_reference(std::move(reference_dn), &bias, ratio);
-}
-
 LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model) {
   LoadedCapture loaded{load_short(capture, &model), {}};
-  loaded.clean_dn =
-      light_of(capture, load_reference(capture, loaded.noisy).dn, &model, capture.ratio);
+  loaded.clean_dn = light_of_reference(load_reference(capture, loaded.noisy).dn, capture.ratio,
+                                       &model, capture.bias_at);
   return loaded;
 }
 

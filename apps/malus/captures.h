@@ -46,9 +46,6 @@ RawFrame load_short(const RecordedPair& capture, const NoiseModel* model);
 /// The reference as its file holds it: DN above black, at its own light. Throws InputError, also
 /// where it is not of the short frame's size and layout.
 RawFrame load_reference(const RecordedPair& capture, const RawFrame& noisy);
-/// light_of_reference (malus/synthesize/pairs.h) of its pixels; without a model it keeps its bias.
-Image light_of(const RecordedPair& capture, Image reference_dn, const NoiseModel* model,
-               double ratio);
 
 /// A capture's frames.
 struct LoadedCapture {

@@ -173,8 +173,8 @@ void OpenTestFrames::run_capture(Capture& capture, const SceneRun& run) const {
     cut_to_window(noisy.profile, {window.row0, window.col0}, window.rows, window.cols,
                   frame.source);
   frame.dn = part_of(frame.dn, window);
-  const CleanScene clean{pair.name,
-                         light_of(pair, part_of(reference.dn, window), model(), /*ratio=*/1)};
+  const CleanScene clean{pair.name, light_of_reference(part_of(reference.dn, window), /*ratio=*/1,
+                                                       model(), pair.bias_at)};
   if (std::ranges::none_of(clean.clean_dn.values(), [](float v) { return std::isfinite(v); }))
     throw InputError(reference.source, "tells no light in the pixels that would be scored",
                      "expose the reference below white, or leave the pair out");

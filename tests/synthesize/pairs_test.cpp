@@ -101,20 +101,22 @@ TEST(MarkUnknown, LeavesWhatTellsTheLight) {
 }
 
 TEST(LightOfReference, IsWithoutBiasAndOverTheRatio) {
-  NoiseProfile bias;
-  bias.layout = SensorLayout::named("bayer-rggb");
-  bias.channels.resize(4);
-  for (std::size_t k = 0; k < 4; ++k) bias.channels[k].bias_dn = 2.0 * static_cast<double>(k) - 4;
+  const NoiseModel model = load_model("imx250mzr-simulated");
+  const GainSetting gain{.gain_db = 24, .iso = {}};
+  const NoiseProfile bias = model.profile_at(gain);
+  ASSERT_NE(bias.channels[0].bias_dn, bias.channels[1].bias_dn);
   Image reference(4, 4, 100.0f);
   reference(3, 3) = std::numeric_limits<float>::quiet_NaN();
-  const Image held = light_of_reference(reference, &bias, 8),
-              plain = light_of_reference(reference, nullptr, 8);
+  const Image held = light_of_reference(reference, 8, &model, gain),
+              none_held = light_of_reference(reference, 8, &model),
+              not_known = light_of_reference(reference, 8, nullptr, gain);
   for (int r = 0; r < 4; ++r)
     for (int c = 0; c < 4; ++c) {
       if (r == 3 && c == 3) continue;
       const auto k = static_cast<std::size_t>(bias.layout.channel_at(r, c));
       EXPECT_FLOAT_EQ(held(r, c), static_cast<float>((100 - bias.channels[k].bias_dn) / 8));
-      EXPECT_FLOAT_EQ(plain(r, c), 12.5f);
+      EXPECT_EQ(none_held(r, c), 12.5f);
+      EXPECT_EQ(not_known(r, c), 12.5f);
     }
   EXPECT_TRUE(std::isnan(held(3, 3)));
 }

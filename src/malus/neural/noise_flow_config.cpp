@@ -119,9 +119,8 @@ class PairFrames {
       return clean_dn_;
     clean_ = files;
     Image reference_dn = above_black(load_frame(files.clean, options_));
-    std::optional<NoiseProfile> bias;
-    if (files.bias_at && model_) bias = model_->profile_at(*files.bias_at);
-    clean_dn_ = light_of_reference(std::move(reference_dn), bias ? &*bias : nullptr, files.ratio);
+    clean_dn_ = light_of_reference(std::move(reference_dn), files.ratio,
+                                   model_ ? &*model_ : nullptr, files.bias_at);
     return clean_dn_;
   }
 

@@ -257,19 +257,13 @@ class CapturedPairs final : public PairSource {
       return plane;
     };
     std::vector<Image> planes{
-        light_of(recorded, checked(std::move(reference.dn), recorded.reference))};
+        light_of_reference(checked(std::move(reference.dn), recorded.reference), recorded.ratio,
+                           &model_, recorded.bias_at, gains_)};
     if (with_picture_ && !recorded.picture.empty())
       for (Image& plane : load_colors(recorded))
-        planes.push_back(light_of_reference(checked(std::move(plane), recorded.picture), nullptr,
-                                            recorded.ratio));
+        planes.push_back(
+            light_of_reference(checked(std::move(plane), recorded.picture), recorded.ratio));
     return planes;
-  }
-
-  Image light_of(const RecordedPair& recorded, Image reference_dn) const {
-    if (!recorded.bias_at)
-      return light_of_reference(std::move(reference_dn), nullptr, recorded.ratio);
-    const NoiseProfile bias = model_.profile_at(*recorded.bias_at, gains_);
-    return light_of_reference(std::move(reference_dn), &bias, recorded.ratio);
   }
 
   NoiseModel model_;

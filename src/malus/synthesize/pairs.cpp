@@ -115,9 +115,10 @@ std::int64_t mark_unknown(Image& reference_dn, double white_dn, const DefectList
   return unknown;
 }
 
-Image light_of_reference(Image reference_dn, const NoiseProfile* bias_of_reference, double ratio) {
+Image light_of_reference(Image reference_dn, double ratio, const NoiseModel* model,
+                         const std::optional<GainSetting>& bias_at, GainRange range) {
   MALUS_REQUIRE(ratio > 0);
-  if (bias_of_reference) subtract_bias(reference_dn, *bias_of_reference);
+  if (model && bias_at) subtract_bias(reference_dn, model->profile_at(*bias_at, range));
   for (float& v : reference_dn.values()) v = static_cast<float>(static_cast<double>(v) / ratio);
   return reference_dn;
 }

@@ -6,6 +6,7 @@
 #include "malus/base/estimate.h"
 #include "malus/image/raw_frame.h"
 #include "malus/image/view.h"
+#include "malus/noise/model.h"
 #include "malus/noise/profile.h"
 
 #include <cstddef>
@@ -49,9 +50,12 @@ std::optional<double> white_of_reference(const RawFrame& reference, const RawFra
 std::int64_t mark_unknown(Image& reference_dn, double white_dn, const DefectList& defects = {});
 
 /// What a pair's noisy frame should show: the reference over the low-light ratio; DN above black
-/// and bias. bias_of_reference: where the reference still holds the bias of its gain, else null.
-/// Contract: it is of the layout of the mosaic; ratio > 0.
-Image light_of_reference(Image reference_dn, const NoiseProfile* bias_of_reference, double ratio);
+/// and bias. bias_at: the gain whose bias the reference still holds, if any; the model tells it,
+/// and without one (null) it stays. Contract: the model is of the layout of the mosaic; ratio > 0.
+/// Throws InputError as NoiseModel::profile_at.
+Image light_of_reference(Image reference_dn, double ratio, const NoiseModel* model = nullptr,
+                         const std::optional<GainSetting>& bias_at = std::nullopt,
+                         GainRange range = GainRange::kCalibratedOnly);
 
 /// How much more DN a camera makes of the same light at one gain than at another, by the K of a
 /// model's profiles (means over the channels), which knows of conversion gains and of ISO. Nothing
