@@ -196,9 +196,8 @@ std::string method_of(const TableRow& row, const DemosaicExperimentArguments& ar
 }
 
 void run_demosaic_experiment(const DemosaicExperimentArguments& arguments, const Common& common) {
-  if (arguments.pictures.empty() == arguments.pairs.empty())
-    throw InputError("experiment denoise-demosaic", "needs something to score on",
-                     "give --pictures or --pairs");
+  if (arguments.pictures.empty() && arguments.pairs.empty())
+    throw CLI::RequiredError("one of --pictures and --pairs");
   std::vector<fs::path> read = arguments.pictures;
   read.insert(read.end(), {arguments.rows, arguments.pairs, arguments.flow_pairs});
   check_report_apart(arguments.report, read, {}, common.force);
@@ -246,11 +245,13 @@ void add_demosaic_experiment(CLI::App& experiment, Common& common) {
       ->add_option("ROWS", arguments->rows,
                    "the table's rows, e.g. experiments/denoise-demosaic.toml")
       ->required();
-  command->add_option("--pictures", arguments->pictures,
-                      "pictures that a simulated camera takes to score on; not those that are "
-                      "trained on");
-  command->add_option("--pairs", arguments->pairs,
-                      "in their place: captured pairs (pairs.json of malus pairs)");
+  CLI::Option* pictures = command->add_option(
+      "--pictures", arguments->pictures,
+      "pictures that a simulated camera takes to score on; not those that are trained on");
+  command
+      ->add_option("--pairs", arguments->pairs,
+                   "in their place: captured pairs (pairs.json of malus pairs)")
+      ->excludes(pictures);
   command->add_option("--flow-pairs", arguments->flow_pairs,
                       "captured pairs that rows of Noise Flow learn the noise from; otherwise the "
                       "simulated camera takes the pictures that the networks are trained on");

@@ -297,18 +297,12 @@ Json noise_record(const Json& gains, const Json& rows, const std::vector<GainSet
 }
 
 void check_arguments(const NoiseExperimentArguments& arguments, const Common& common) {
-  const int sources =
-      !arguments.session.empty() + !arguments.pairs.empty() + !arguments.pictures.empty();
-  if (sources != 1)
-    throw InputError("experiment noise", "needs frames of one camera to compare with",
-                     "give one of --pairs, --session and --pictures");
+  if (arguments.session.empty() && arguments.pairs.empty() && arguments.pictures.empty())
+    throw CLI::RequiredError("one of --pairs, --session and --pictures");
   if (!arguments.pictures.empty() && (arguments.cases.empty() || arguments.folder.empty()))
-    throw InputError("--pictures", "are taken by a simulated camera",
-                     "give its gains and light with --cases GAIN:RATIO, and -o for its captures");
-  if (arguments.pictures.empty() &&
-      (!arguments.camera.empty() || !arguments.cases.empty() || !arguments.folder.empty()))
-    throw InputError("--camera, --cases and -o", "are those of a simulated camera",
-                     "give them with --pictures");
+    throw CLI::ValidationError("--pictures",
+                               "are taken by a simulated camera; give its gains and light with "
+                               "--cases GAIN:RATIO, and -o for its captures");
   std::vector<fs::path> read{arguments.model, arguments.session};
   for (const auto* files : {&arguments.flows, &arguments.pairs, &arguments.pictures})
     read.insert(read.end(), files->begin(), files->end());
@@ -363,19 +357,29 @@ void add_noise_experiment(CLI::App& experiment, Common& common) {
       ->delimiter(',')
       ->check(one_of(kinds));
   command->add_option("--flow", arguments->flows, "also these Noise Flows (.safetensors)");
-  command->add_option(
+  CLI::Option* pairs = command->add_option(
       "--pairs", arguments->pairs,
       "captured pairs of the camera (pairs.json of malus pairs), not those that the "
       "model was measured on");
-  command->add_option("--session", arguments->session,
-                      "in their place: dark and flat frames; each set is compared less its mean");
-  command->add_option("--pictures", arguments->pictures,
-                      "in their place: pictures that a simulated camera takes");
-  command->add_option("--camera", arguments->camera,
-                      "the simulated camera: a model with physics; otherwise --model");
-  command->add_option("--cases", arguments->cases,
-                      "its gains and low-light ratios, each GAIN:RATIO");
-  command->add_option("-o,--output", arguments->folder, "folder of its captures");
+  CLI::Option* session =
+      command
+          ->add_option("--session", arguments->session,
+                       "in their place: dark and flat frames; each set is compared less its mean")
+          ->excludes(pairs);
+  CLI::Option* pictures = command
+                              ->add_option("--pictures", arguments->pictures,
+                                           "in their place: pictures that a simulated camera takes")
+                              ->excludes(pairs)
+                              ->excludes(session);
+  command
+      ->add_option("--camera", arguments->camera,
+                   "the simulated camera: a model with physics; otherwise --model")
+      ->needs(pictures);
+  command
+      ->add_option("--cases", arguments->cases, "its gains and low-light ratios, each GAIN:RATIO")
+      ->check(accepted_by([](const std::string& text) { light_case_of(text); }))
+      ->needs(pictures);
+  command->add_option("-o,--output", arguments->folder, "folder of its captures")->needs(pictures);
   add_crop(*command, arguments->crop, "the pictures");
   command->add_option("--frames", arguments->frames, "frames of a session's set, at most")
       ->check(in_range(2, 100000))

@@ -241,8 +241,8 @@ void run_table_s1(const TableS1Arguments& arguments, const Common& common) {
   const bool captured = !arguments.pairs.empty();
   if (captured != !arguments.test_pairs.empty() || captured == !arguments.pictures.empty() ||
       captured == !arguments.test_pictures.empty())
-    throw InputError("experiment table-s1", "needs scenes to train on and others to score on",
-                     "give --pictures and --test-pictures, or --pairs and --test-pairs");
+    throw CLI::ValidationError("scenes to train on and others to score on",
+                               "give --pictures and --test-pictures, or --pairs and --test-pairs");
   std::vector<fs::path> read = arguments.pictures;
   read.insert(read.end(), arguments.test_pictures.begin(), arguments.test_pictures.end());
   read.insert(read.end(), {arguments.rows, arguments.pairs, arguments.test_pairs});

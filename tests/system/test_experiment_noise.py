@@ -96,10 +96,18 @@ def test_kinds_against_a_session(malus, tmp_path):
         assert cell["sqrt_jsd"] < cell["sqrt_jsd_floor"] + 0.02
 
 
-def test_what_is_compared_with_nothing_is_refused(refused, tmp_path, picture):
+def test_what_is_compared_with_nothing_is_refused(malus, refused, tmp_path, picture):
+    def usage(*arguments):
+        told = malus(*base, *arguments, code=2).err
+        assert told.endswith("Run with --help for usage.\n")
+        return told
+
     base = ["experiment", "noise", "--model", "nikon-d850"]
-    assert "--pairs, --session and --pictures" in refused(*base)
-    assert "--cases" in refused(*base, "--pictures", picture)
+    assert "one of --pairs, --session and --pictures is required" in usage()
+    assert "--cases" in usage("--pictures", picture)
+    assert "--pairs excludes --pictures" in usage("--pairs", "none.json", "--pictures", picture)
+    assert "--camera requires --pictures" in usage("--pairs", "none.json", "--camera", "nikon-d850")
+    assert '"400" is not GAIN:RATIO' in usage("--pictures", picture, "--cases", "400")
     (tmp_path / "none.json").write_text('{"pairs": []}')
     assert "holds no pairs" in refused(*base, "--pairs", tmp_path / "none.json")
-    assert "give them with --pictures" in refused(*base, "--pairs", tmp_path / "none.json", "--cases", "400:1")
+    assert "--cases requires --pictures" in usage("--pairs", "none.json", "--cases", "400:1")

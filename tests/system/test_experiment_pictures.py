@@ -205,10 +205,11 @@ def test_a_neural_isp_writes_sixteen_bit_pictures(malus, experiments):
     assert np.abs(red - shown[0::2, 0::2, 0] * 257).max() < 0.51  # rounded to whole 65535ths
 
 
-def test_bad_experiments_are_refused(refused, experiments):
+def test_bad_experiments_are_refused(malus, refused, experiments):
     tables = [["experiment", "table-s1", experiments / "table-s1.toml", "-o", experiments / "out"],
               ["experiment", "denoise-demosaic", experiments / "denoise-demosaic.toml", "-o", experiments / "out"]]
-    assert "--pictures" in refused(*tables[0], "-q") and "--pictures" in refused(*tables[1], "-q")
+    assert "give --pictures and --test-pictures" in malus(*tables[0], "-q", code=2).err
+    assert "one of --pictures and --pairs is required" in malus(*tables[1], "-q", code=2).err
     scenes = [["--pictures", experiments / "b.png", "--test-pictures", experiments / "c.png"], ["--pictures", experiments / "b.png"]]
     for run, pictures, changes in zip(tables, scenes, (
             (('scheme = "calibrated"', 'scheme = "guessed"', "scheme"), ('noise = "HG"', 'noise = "HH"', "noise"),
