@@ -112,7 +112,8 @@ Image noise_dn(const LoadedCapture& capture) {
 
 }  // namespace
 
-std::vector<RecordedPair> open_pairs(const std::vector<fs::path>& lists, const NoiseModel* model) {
+std::vector<RecordedPair> open_pairs(const std::vector<fs::path>& lists, const NoiseModel* model,
+                                     const std::vector<GainSetting>& gains) {
   std::vector<RecordedPair> all;
   std::vector<GainSetting> known;
   for (const fs::path& list : lists) {
@@ -120,6 +121,7 @@ std::vector<RecordedPair> open_pairs(const std::vector<fs::path>& lists, const N
     if (pairs.empty())
       throw InputError(list.string(), "holds no pairs", "make some with malus pairs");
     for (RecordedPair& pair : pairs) {
+      if (!gains.empty() && std::ranges::find(gains, pair.gain) == gains.end()) continue;
       check_frames(pair, model);
       for (const GainSetting& gain : {pair.gain, pair.bias_at.value_or(pair.gain)}) {
         if (!model || std::ranges::find(known, gain) != known.end()) continue;

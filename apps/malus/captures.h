@@ -17,9 +17,11 @@ namespace malus::app {
 /// The pairs of all lists, looked at before any work is done: throws InputError, naming list or
 /// frame, where a list cannot be read or holds none, where a frame is missing, no mosaic or
 /// denoised, where the two of a pair differ in size or layout, and with a model where they are of
-/// another sensor's layout or at gains that it does not know.
+/// another sensor's layout or at gains that it does not know. gains: others of the lists are left
+/// out unseen; none: all are taken.
 std::vector<RecordedPair> open_pairs(const std::vector<std::filesystem::path>& lists,
-                                     const NoiseModel* model);
+                                     const NoiseModel* model,
+                                     const std::vector<GainSetting>& gains = {});
 
 /// Those at a gain; throws InputError, naming the list, where there are none.
 std::vector<RecordedPair> captures_at(const std::vector<RecordedPair>& captures,

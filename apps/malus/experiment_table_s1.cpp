@@ -100,10 +100,11 @@ TestBench open_test_bench(const TableS1Arguments& arguments, const TableS1Setup&
       arguments.folder};
   warn_of_untold_gain(bench.model, setup.model, {bench.from, bench.to});
   if (!arguments.pairs.empty()) {
-    const auto captures = load_pair_list(arguments.pairs);
+    const auto captures = open_pairs({arguments.pairs}, &bench.model, {bench.from, bench.to});
     bench.sources = captures_at(captures, bench.from, arguments.pairs);
     bench.targets = captures_at(captures, bench.to, arguments.pairs);
-    bench.tests = captures_at(load_pair_list(arguments.test_pairs), bench.to, arguments.test_pairs);
+    bench.tests = captures_at(open_pairs({arguments.test_pairs}, &bench.model, {bench.to}),
+                              bench.to, arguments.test_pairs);
     return bench;
   }
   const NoiseModel camera = load_model(setup.camera);

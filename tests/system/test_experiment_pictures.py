@@ -222,7 +222,14 @@ def test_bad_experiments_are_refused(malus, refused, experiments):
         run[2].write_text(good)
     pairs = experiments / "pairs.json"
     pairs.write_text('{"pairs": []}')
-    assert "1600" in refused(*tables[0], "--pairs", pairs, "--test-pairs", pairs, "-q")
+    assert "no pairs" in refused(*tables[0], "--pairs", pairs, "--test-pairs", pairs, "-q")
     assert "no pairs" in refused(*tables[1], "--pairs", pairs, "--flow-pairs", pairs, "-q")
     pairs.write_text('{"pairs": [{"name": "a_00", "short": "a.tif", "reference": "a.npy", "ratio": 0, "gain_db": null, "iso": 1600}]}')
     assert "ratio is above 0" in refused(*tables[1], "--pairs", pairs, "--flow-pairs", pairs, "-q")
+    # Said before anything is trained; other gains than the table's are not looked at.
+    listed = [{"name": "a_00", "short": "gone.tif", "reference": "a.npy", "ratio": 1, "gain_db": None, "iso": iso} for iso in (1600, 3200)]
+    pairs.write_text(json.dumps({"pairs": [{**listed[0], "short": "unseen.tif", "iso": 50}, *listed]}))
+    assert "gone.tif" in refused(*tables[0], "--pairs", pairs, "--test-pairs", pairs, "-q")
+    assert not (experiments / "out/denoiser").exists()
+    pairs.write_text(json.dumps({"pairs": [{**listed[0], "iso": 50}]}))
+    assert "has no pairs at ISO 1600" in refused(*tables[0], "--pairs", pairs, "--test-pairs", pairs, "-q")
