@@ -277,11 +277,14 @@ struct RecordedFlow {
     save_picture(folder / "noisy.npy", codes, integers);
     save_picture(folder / "clean.npy", pair.clean_dn);
   }
-  NoiseFlowFit train(const std::string& black, const std::string& noisy) const {
+  void write(const std::string& black, const std::string& noisy) const {
     std::ofstream(folder / "flow.toml")
         << "[network]\narchitecture = \"noise-flow\"\n[sensor]\nlayout = \"bayer-rggb\"\n"
         << "black = " << black << "\nwhite = 4095\n[[pairs]]\nnoisy = " << noisy
         << "\nclean = \"clean.npy\"\ngain_db = 12\n[train]\nsteps = 2\ncouplings = 0\n";
+  }
+  NoiseFlowFit train(const std::string& black, const std::string& noisy) const {
+    write(black, noisy);
     return train_noise_flow(load_noise_flow_config(folder / "flow.toml"), 0);
   }
   testing::TemporaryFolder folder;
@@ -291,6 +294,28 @@ TEST(NoiseFlow, RecordedIntegersAreKnownWhateverTheBlack) {
   const RecordedFlow flow;
   for (const char* black : {"100", "100.25", "[100, 99.5, 100, 100.5]"})
     EXPECT_EQ(flow.train(black, "\"noisy.npy\"").model.sensor().spread_dn, 4) << black;
+}
+
+TEST(NoiseFlow, AStackCountsAsItsFrames) {
+  const RecordedFlow flow;
+  const Planes frame = load_picture(flow.folder / "noisy.npy").planes;
+  Planes frames(3, frame.rows(), frame.cols());
+  for (Image& one : frames) one = frame[0];
+  SaveOptions integers;
+  integers.type = SampleType::kUint16;
+  save_picture(flow.folder / "stack.npy", frames, {}, integers);
+  const auto config_of = [&](const char* noisy) {
+    flow.write("100", noisy);
+    return load_noise_flow_config(flow.folder / "flow.toml");
+  };
+  const auto all = config_of("\"st*.npy\"").pairs;
+  ASSERT_EQ(all.size(), 3u);
+  EXPECT_EQ(all[2].noisy, flow.folder / "stack.npy[2]");
+  const NoiseFlowConfig one = config_of("\"stack.npy[1]\"");
+  ASSERT_EQ(one.pairs.size(), 1u);
+  EXPECT_EQ(one.pairs[0].noisy, flow.folder / "stack.npy[1]");
+  EXPECT_NE(config_json(one)["contents"], config_json(config_of("\"stack.npy[2]\""))["contents"]);
+  EXPECT_EQ(flow.train("100", "\"stack.npy\"").model.sensor().spread_dn, 4);
 }
 
 TEST(NoiseFlow, APatternThatMatchesNoFileIsRefused) {

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/unreadable_file.h"
 #include "malus/io/angle_pictures.h"
+#include "malus/io/frame_stack.h"
 #include "malus/io/pair_list.h"
 
 #include <algorithm>
@@ -45,6 +46,13 @@ class Hash {
     if (!in) refuse(path);
   }
 
+  // A file, or one frame of a stack.
+  void add_frame(const fs::path& path) {
+    const FramePlace place = frame_place(path);
+    add_file(place.file, Extent::kEnds);
+    if (place.index) add(fmt::format("frame {}", *place.index));
+  }
+
   std::string text() const { return fmt::format("{:016x}", value_); }
 
  private:
@@ -77,7 +85,7 @@ void add_pairs(Hash& hash, const fs::path& list) {
     hash.add(fmt::format("{} {}", pair.ratio, pair.gain.text()));
     if (pair.bias_at) hash.add("with the bias at " + pair.bias_at->text());
     for (const fs::path& path : {pair.noisy, pair.reference, pair.picture})
-      if (!path.empty()) hash.add_file(path, Extent::kEnds);
+      if (!path.empty()) hash.add_frame(path);
   }
 }
 
@@ -106,7 +114,7 @@ Json contents_json(const TrainingConfig& config) {
 
 std::string contents_of(const std::vector<fs::path>& files) {
   Hash hash;
-  for (const fs::path& path : files) hash.add_file(path, Extent::kEnds);
+  for (const fs::path& path : files) hash.add_frame(path);
   return hash.text();
 }
 

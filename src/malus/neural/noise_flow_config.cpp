@@ -72,7 +72,9 @@ std::vector<NoiseFlowFiles> read_pairs(const ConfigSection& section) {
     const auto found = files_matching(folder, pattern);
     if (found.empty())
       section.fail("noisy", fmt::format("\"{}\" matches no file", pattern), "check the pattern");
-    for (const auto& path : found) pairs.push_back({path, folder / *clean_name, gain});
+    for (const auto& path : found)
+      for (const auto& frame : frame_names(path))
+        pairs.push_back({frame, folder / *clean_name, gain});
   }
   if (pairs.empty()) section.fail("noisy", "names no frame", "give files or patterns");
   return pairs;

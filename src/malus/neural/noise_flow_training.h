@@ -65,8 +65,8 @@ struct NoiseFlowFiles {
 };
 
 /// The training that a configuration describes: [network] architecture = "noise-flow"; [sensor]
-/// layout, black, white; [[pairs]] noisy, clean (files or patterns; several noisy ones may share a
-/// clean one), gain_db or iso; [train] settings.
+/// layout, black, white; [[pairs]] noisy (files or patterns, of which a stack counts as its frames;
+/// io/frame_stack.h), clean (one frame, which all of them share), gain_db or iso; [train] settings.
 struct NoiseFlowConfig {
   std::filesystem::path source;
   NoiseFlowSensor sensor;
@@ -77,7 +77,7 @@ struct NoiseFlowConfig {
 
 /// overrides.pairs: lists of captured pairs (io/pair_list.h) in place of [[pairs]];
 /// overrides.models: one calibrated model in place of [sensor]; settings as in ConfigSection::load.
-/// Throws InputError. No frame is read.
+/// Throws InputError. Of frames no more is read than how many a stack holds.
 NoiseFlowConfig load_noise_flow_config(const std::filesystem::path& config,
                                        const TrainingOverrides& overrides = {});
 
