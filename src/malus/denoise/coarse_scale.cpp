@@ -8,7 +8,7 @@
 namespace malus::internal {
 namespace {
 
-int coarse_size(int size, int period) { return size / (2 * period) * period; }
+int halved(int size, int period) { return size / (2 * period) * period; }
 
 // Smooths along one axis by [1 2 1] / 4 over neighbours `period` apart, the border repeated.
 void smooth_axis(const Image& from, Image& to, int period, bool along_rows) {
@@ -46,15 +46,16 @@ std::vector<Between> positions(int size, int coarse, int period) {
 
 }  // namespace
 
-bool has_coarse_scale(const FrameSource& frame) {
-  return frame.rows >= kLeastCoarsePeriods * frame.layout.rows() &&
-         frame.cols >= kLeastCoarsePeriods * frame.layout.cols();
+std::optional<CoarseSize> coarse_size(int rows, int cols, const SensorLayout& layout) {
+  if (rows < kLeastCoarsePeriods * layout.rows() || cols < kLeastCoarsePeriods * layout.cols())
+    return std::nullopt;
+  return CoarseSize{halved(rows, layout.rows()), halved(cols, layout.cols())};
 }
 
 Image coarse_frame(const FrameSource& frame) {
   const PixelSource& pixel = frame.pixel;
   const int down = frame.layout.rows(), across = frame.layout.cols();
-  Image coarse(coarse_size(frame.rows, down), coarse_size(frame.cols, across));
+  Image coarse(halved(frame.rows, down), halved(frame.cols, across));
   parallel_for(0, coarse.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
       for (int c = 0; c < coarse.cols(); ++c) {

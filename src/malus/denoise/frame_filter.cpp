@@ -17,15 +17,44 @@ struct TileSize {
   int rows, cols;
 };
 
-TileSize plan_tiles(int rows, int cols, int reach, int border, const MemoryBudget& memory) {
+// How far a tile's pixels and their surroundings reach, inside the frame and beyond it.
+struct Reach {
+  int inside, beyond;
+  Reach(const MosaicFilterPlan& plan, const SensorLayout& layout, const FrameReport& report)
+      : inside(mosaic_filter_reach(plan, layout, report.error || report.cell_error) +
+               (report.cell_error ? kCell : 0)),
+        beyond(std::min(mosaic_filter_border(plan, layout), inside)) {}
+};
+
+double frame_pixels(int rows, int cols, const Reach& reach) {
+  return (rows + 2.0 * reach.beyond) * (cols + 2.0 * reach.beyond);
+}
+
+// The memory has been found to be enough.
+TileSize plan_tiles(int rows, int cols, const Reach& reach, const MemoryBudget& memory) {
   const double pixels = memory.bytes() / kBytesPerTilePixel;
-  if ((rows + 2.0 * border) * (cols + 2.0 * border) <= pixels) return {rows, cols};
-  const double side = std::sqrt(std::max(pixels, 0.0)) - 2.0 * reach;
-  const double least = std::min((kLeastCore + 2.0 * reach) * (kLeastCore + 2.0 * reach),
-                                (rows + 2.0 * border) * (cols + 2.0 * border));
-  if (side < kLeastCore) memory.refuse(least * kBytesPerTilePixel, rows, cols);
+  if (frame_pixels(rows, cols, reach) <= pixels) return {rows, cols};
+  const double side = std::max(std::sqrt(std::max(pixels, 0.0)) - 2.0 * reach.inside,
+                               static_cast<double>(kLeastCore));
   const int core = static_cast<int>(side) / 2 * 2;  // tiles begin at even pixels
   return {core, core};
+}
+
+// What a scale holds while the one below it is filtered and after that, in frames of that size.
+constexpr double kHeldBelow = 2, kHeldAfter = 1;
+
+// The memory that a frame takes at least, all of its scales.
+double least_bytes(int rows, int cols, const MosaicFilterPlan& plan, const SensorLayout& layout,
+                   const FrameReport& report) {
+  const Reach reach(plan, layout, report);
+  const double side = kLeastCore + 2.0 * reach.inside;
+  const double tile = kBytesPerTilePixel * std::min(side * side, frame_pixels(rows, cols, reach));
+  const auto coarse = plan.coarse.empty() ? std::nullopt : coarse_size(rows, cols, layout);
+  if (!coarse) return tile;
+  const double frame = kBytesPerValue * coarse->rows * coarse->cols;
+  return std::max(tile + kHeldAfter * frame,
+                  kHeldBelow * frame +
+                      least_bytes(coarse->rows, coarse->cols, plan.coarse.front(), layout, {}));
 }
 
 // [begin, end) of the frame along one side, and what a tile holds of it with its surroundings.
@@ -79,12 +108,13 @@ struct CoarseScale {
 std::optional<CoarseScale> filter_coarse(const FrameSource& frame, const MosaicFilterPlan& plan,
                                          const MemoryBudget& memory, bool want_unlike,
                                          Progress& progress) {
-  if (plan.coarse.empty() || !has_coarse_scale(frame)) return std::nullopt;
+  if (plan.coarse.empty() || !coarse_size(frame.rows, frame.cols, frame.layout))
+    return std::nullopt;
   const Image halved = coarse_frame(frame);
   CoarseScale coarse{Image(halved.rows(), halved.cols()), Image()};
   if (want_unlike) coarse.unlike = Image(cell_count(halved.rows()), cell_count(halved.cols()));
   filter_frame(source_of(halved, frame.layout), plan.coarse.front(),
-               memory.holding(2.0 * static_cast<double>(halved.size())), coarse.estimate,
+               memory.holding(kHeldBelow * static_cast<double>(halved.size())), coarse.estimate,
                {.unlike = want_unlike ? &coarse.unlike : nullptr}, progress);
   return coarse;
 }
@@ -95,22 +125,23 @@ int filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryB
                  Image& estimate, const FrameReport& report, Progress& progress) {
   const SensorLayout& layout = frame.layout;
   const int rows = frame.rows, cols = frame.cols;
+  const double least = least_bytes(rows, cols, plan, layout, report);
+  if (least > memory.bytes()) memory.refuse(least, rows, cols);
   const bool with_error = report.error || report.cell_error;
   // One coarse scale, as Wiener filters have, tells no even light: slow light is alike there too.
   const bool many_scales = plan.guided.back().filter == StackFilter::ridge;
   std::optional<CoarseScale> coarse =
       filter_coarse(frame, plan, memory, report.unlike || (with_error && many_scales), progress);
-  if (coarse) memory = memory.holding(static_cast<double>(coarse->estimate.size()));
-  const int reach = mosaic_filter_reach(plan, layout, with_error) + (report.cell_error ? kCell : 0);
-  const int border = std::min(mosaic_filter_border(plan, layout), reach);
-  const TileSize size = plan_tiles(rows, cols, reach, border, memory);
+  if (coarse) memory = memory.holding(kHeldAfter * static_cast<double>(coarse->estimate.size()));
+  const Reach reach(plan, layout, report);
+  const TileSize size = plan_tiles(rows, cols, reach, memory);
   const CellStatistics statistics = measure_cells(frame);
   const int down = (rows + size.rows - 1) / size.rows;
   const int across = (cols + size.cols - 1) / size.cols;
   progress.begin("denoising", down * across);
   for (int t = 0; t < down * across; ++t) {
-    const Span v(t / across, size.rows, rows, reach, border);
-    const Span h(t % across, size.cols, cols, reach, border);
+    const Span v(t / across, size.rows, rows, reach.inside, reach.beyond);
+    const Span h(t % across, size.cols, cols, reach.inside, reach.beyond);
     const StackTile tile =
         cut_tile(frame, v.tile_begin, h.tile_begin, v.tile_size(), h.tile_size());
     Image tile_error;

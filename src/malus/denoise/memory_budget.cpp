@@ -12,7 +12,6 @@ namespace {
 
 // Measured: at 1024 MiB the program with its libraries and buffers takes 45 MiB besides.
 constexpr double kPixelShare = 0.92;
-constexpr double kBytesPerValue = 4;
 
 }  // namespace
 

@@ -7,11 +7,17 @@
 
 #include "malus/denoise/internal/mosaic_filter.h"
 
+#include <optional>
+
 namespace malus::internal {
 
 /// Smallest frame with a coarse scale, in periods of the layout.
 inline constexpr int kLeastCoarsePeriods = 16;
-bool has_coarse_scale(const FrameSource& frame);
+struct CoarseSize {
+  int rows, cols;
+};
+/// Nothing for a frame that is too small to have one.
+std::optional<CoarseSize> coarse_size(int rows, int cols, const SensorLayout& layout);
 
 /// Twice the mean of the pixels of one channel in 2x2 neighbouring periods, so that unit noise
 /// stays unit noise; a mosaic of the same layout, half as many periods per side, rounded down: one

@@ -3,6 +3,8 @@
 
 namespace malus::internal {
 
+inline constexpr double kBytesPerValue = 4;
+
 struct MemoryBudget {
   double memory_mib;
   double held_values = 0;  ///< float32 values that are held while it is spent: they count in it
