@@ -146,7 +146,7 @@ TEST(Bm3dMix, ErrorsOfCellsAreTheSameInTiles) {
   const Image noisy = sum_of(stars(40, 3000, 40, 15), noise_of(40, 3000, 1, 3));
   const SensorLayout layout = SensorLayout::named("mono");
   const MosaicFilterPlan plan = mosaic_filter_plan("nl-ridge", "fast", layout);
-  int tiles = 0;
+  internal::FrameTiles tiles{};
   const auto errors = [&](double memory_mib) {
     Image estimate(noisy.rows(), noisy.cols());
     Image cells(internal::cell_count(noisy.rows()), internal::cell_count(noisy.cols()));
@@ -155,10 +155,17 @@ TEST(Bm3dMix, ErrorsOfCellsAreTheSameInTiles) {
     return cells;
   };
   const Image whole = errors(1024);
-  ASSERT_EQ(tiles, 1);
+  ASSERT_EQ(tiles.count, 1);
+  EXPECT_EQ(tiles.work, 1.0);
   const Image tiled = errors(21.2);
-  ASSERT_GT(tiles, 1);
+  ASSERT_GT(tiles.count, 1);
+  EXPECT_GT(tiles.work, 1.0);
   EXPECT_EQ(whole.values(), tiled.values());
+  const double enough_mib = tiles.whole_mib;
+  (void)errors(enough_mib);
+  EXPECT_EQ(tiles.count, 1);
+  (void)errors(enough_mib - 1.5);
+  EXPECT_GT(tiles.count, 1);
 }
 
 TEST(Bm3dMix, StarsOfAMonoSensorComeOutAsCleanAsFromBm3dAndSlopesCleaner) {

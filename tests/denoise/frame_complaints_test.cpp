@@ -58,6 +58,18 @@ TEST(ResultComplaints, NameWhatWasFilled) {
   EXPECT_THAT(result_complaints(mono_frame(), result, {}), IsEmpty());
 }
 
+TEST(ResultComplaints, NameTheMemoryThatWouldSaveTiles) {
+  Denoised result = plain_result();
+  result.tiles = 12;
+  result.whole_frame_mib = 238;
+  result.tile_work = 1.9;
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}), IsEmpty());
+  result.tile_work = 5.42;
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}),
+              ElementsAre(AllOf(HasSubstr("12 tiles"), HasSubstr("took 5.4 times the work"),
+                                HasSubstr("for which memory 238 is enough"))));
+}
+
 TEST(ResultComplaints, NameAMeanThatMoved) {
   Denoised result = plain_result();
   result.mean_shift_dn = {-11};  // the limit is 5 % of the mean and of the deviation: 10.5

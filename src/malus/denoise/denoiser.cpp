@@ -110,17 +110,17 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
   for (const FilledPixel& p : frame.filled) variance_dn2(p.row, p.col) += p.variance_dn2;
 }
 
-// Returns the number of tiles.
-int filter_stabilised(const FrameSource& frame, const DenoiseSettings& settings,
-                      const internal::MemoryBudget& memory, const internal::FrameEstimate& estimate,
-                      Progress& progress) {
+internal::FrameTiles filter_stabilised(const FrameSource& frame, const DenoiseSettings& settings,
+                                       const internal::MemoryBudget& memory,
+                                       const internal::FrameEstimate& estimate,
+                                       Progress& progress) {
   std::optional<internal::Bm3dMix> mix;
   Image cell_error;
   if (estimate.is_mix) {
     mix = internal::plan_bm3d_mix(settings.profile, frame.rows, frame.cols, memory);
     cell_error = Image(internal::cell_count(frame.rows), internal::cell_count(frame.cols));
   }
-  const int tiles = internal::filter_frame(
+  const internal::FrameTiles tiles = internal::filter_frame(
       frame, mosaic_filter_plan(settings.method, settings.profile, frame.layout), memory,
       estimate.pixels, {.error = estimate.error, .cell_error = mix ? &cell_error : nullptr},
       progress);
@@ -147,7 +147,11 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   const internal::FrameEstimate estimate{
       result.dn_above_black, error,
       internal::mixes_bm3d(settings.method, settings.profile, frame.layout)};
-  result.tiles = filter_stabilised(stabilised, settings, memory, estimate, progress);
+  const internal::FrameTiles tiles =
+      filter_stabilised(stabilised, settings, memory, estimate, progress);
+  result.tiles = tiles.count;
+  result.tile_work = tiles.work;
+  result.whole_frame_mib = tiles.whole_mib;
   const std::vector<float> uncut = uncut_samples(stabilizers, frame);
   if (settings.like_pixels)
     internal::average_alike_pixels(stabilised,

@@ -93,6 +93,8 @@ struct Denoised {
   double dark_pattern_share = 0, response_pattern_share = 0;
   std::optional<NoiseCheck> noise;  ///< the frame's own against the profile's
   int tiles = 1;
+  double tile_work = 1;
+  double whole_frame_mib = 0;  ///< memory with which there is one tile; 0: always
   std::vector<StageTime> times;
 
   /// What is told of every frame: JSON, Python and its help come from here.
@@ -129,6 +131,9 @@ struct Denoised {
     field(self.response_pattern_share,
           ParameterInfo{"response_pattern_share", "1", "the same of PRNU"});
     field(self.tiles, ParameterInfo{"tiles", "1", "parts that the frame was denoised in"});
+    field(self.tile_work,
+          ParameterInfo{"tile_work", "1",
+                        "their pixels, with what each needs around it, over the frame's"});
   }
 };
 

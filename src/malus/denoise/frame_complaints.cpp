@@ -51,6 +51,16 @@ std::string many_defects(const Denoised& result) {
       result.defect_pixels, percent_text(share), setting("defects", false));
 }
 
+std::string work_of_tiles(const Denoised& result) {
+  constexpr double kMuchWork = 2;
+  if (!(result.tile_work > kMuchWork)) return {};
+  return fmt::format(
+      "{} tiles, with what each needs around it, took {:.1f} times the work of the frame in one "
+      "piece, for which {} is enough",
+      result.tiles, result.tile_work,
+      setting("memory", fmt::format("{:.0f}", result.whole_frame_mib)));
+}
+
 }  // namespace
 
 std::vector<std::string> frame_complaints(const Denoised& result, bool polarized,
@@ -92,6 +102,7 @@ std::vector<std::string> result_complaints(const RawFrame& before, const Denoise
     if (!line.empty()) lines.push_back(std::move(line));
   };
   add(many_defects(result));
+  add(work_of_tiles(result));
   // One cause, one line: a mean moves because the noise is another.
   const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
   add(noise.empty() ? moved_mean(before, result, profile, network) : noise);

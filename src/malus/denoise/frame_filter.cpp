@@ -121,8 +121,8 @@ std::optional<CoarseScale> filter_coarse(const FrameSource& frame, const MosaicF
 
 }  // namespace
 
-int filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryBudget memory,
-                 Image& estimate, const FrameReport& report, Progress& progress) {
+FrameTiles filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryBudget memory,
+                        Image& estimate, const FrameReport& report, Progress& progress) {
   const SensorLayout& layout = frame.layout;
   const int rows = frame.rows, cols = frame.cols;
   const double least = least_bytes(rows, cols, plan, layout, report);
@@ -139,9 +139,12 @@ int filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryB
   const int down = (rows + size.rows - 1) / size.rows;
   const int across = (cols + size.cols - 1) / size.cols;
   progress.begin("denoising", down * across);
-  for (int t = 0; t < down * across; ++t) {
+  const double whole = frame_pixels(rows, cols, reach);
+  FrameTiles tiles{down * across, 0, memory.mib_for(kBytesPerTilePixel * whole)};
+  for (int t = 0; t < tiles.count; ++t) {
     const Span v(t / across, size.rows, rows, reach.inside, reach.beyond);
     const Span h(t % across, size.cols, cols, reach.inside, reach.beyond);
+    tiles.work += static_cast<double>(v.tile_size()) * h.tile_size() / whole;
     const StackTile tile =
         cut_tile(frame, v.tile_begin, h.tile_begin, v.tile_size(), h.tile_size());
     Image tile_error;
@@ -161,7 +164,7 @@ int filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryB
   if (report.unlike && !plan.coarse.empty())
     take_larger(*report.unlike, coarse ? coarse->unlike : Image(1, 1, kUnlikeAny));
   if (coarse) correct_low_frequencies(estimate, coarse->estimate, layout);
-  return down * across;
+  return tiles;
 }
 
 }  // namespace malus::internal

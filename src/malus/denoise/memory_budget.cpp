@@ -19,12 +19,15 @@ double MemoryBudget::bytes() const {
   return kPixelShare * memory_mib * 0x1p20 - kBytesPerValue * held_values;
 }
 
+double MemoryBudget::mib_for(double bytes) const {
+  return std::ceil((bytes + kBytesPerValue * held_values) / (kPixelShare * 0x1p20));
+}
+
 void MemoryBudget::refuse(double needed_bytes, int rows, int cols) const {
-  const double all_bytes = needed_bytes + kBytesPerValue * held_values;
   throw InputError(
       setting_name("memory"),
       fmt::format("{:.0f} MiB is too little for a frame of {} x {} pixels", memory_mib, cols, rows),
-      fmt::format("give at least {:.0f} MiB", std::ceil(all_bytes / (kPixelShare * 0x1p20))));
+      fmt::format("give at least {:.0f} MiB", mib_for(needed_bytes)));
 }
 
 }  // namespace malus::internal

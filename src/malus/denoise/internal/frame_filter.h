@@ -28,11 +28,18 @@ float cell_mean(int i, int k, int rows, int cols, const Value& value) {
   return sum / static_cast<float>((row_end - i * kCell) * (col_end - k * kCell));
 }
 
+/// How a frame was cut.
+struct FrameTiles {
+  int count;
+  double work;       ///< pixels of the tiles, their surroundings included, over those of the frame
+  double whole_mib;  ///< memory with which it is one tile
+};
+
 /// Filters a frame whose noise has deviation 1 into `estimate`. All pictures have their size when
 /// it is called. Tiles are cut so that they take no more than the memory; they do not change a byte
-/// of the result. Returns the number of tiles at full size. Throws InputError when the memory is
-/// too little, Cancelled.
-int filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryBudget memory,
-                 Image& estimate, const FrameReport& report, Progress& progress);
+/// of the result. Returns how it was cut at full size. Throws InputError when the memory is too
+/// little, Cancelled.
+FrameTiles filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryBudget memory,
+                        Image& estimate, const FrameReport& report, Progress& progress);
 
 }  // namespace malus::internal

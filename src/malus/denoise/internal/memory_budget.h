@@ -13,6 +13,8 @@ struct MemoryBudget {
   double bytes() const;
   /// While these values are held, too.
   MemoryBudget holding(double values) const { return {memory_mib, held_values + values}; }
+  /// The setting that leaves this many bytes beside what is held.
+  double mib_for(double bytes) const;
   /// Throws InputError that says how much memory a frame of this size would need.
   [[noreturn]] void refuse(double needed_bytes, int rows, int cols) const;
 };
