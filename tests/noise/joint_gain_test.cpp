@@ -63,7 +63,7 @@ PhysicsCalibration measured(const JointLaw& law, double db, std::uint64_t seed =
   }
   p.mu.spread = mu_sd;
   SquareMatrix r = SquareMatrix::identity(law.channels);
-  r(0, 1) = r(1, 0) = 0.9;
+  if (law.channels > 1) r(0, 1) = r(1, 0) = 0.9;
   p.mu.covariance = covariance_of(r, mu_sd);
   return p;
 }
