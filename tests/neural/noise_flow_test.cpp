@@ -318,6 +318,24 @@ TEST(NoiseFlow, AStackCountsAsItsFrames) {
   EXPECT_EQ(flow.train("100", "\"stack.npy\"").model.sensor().spread_dn, 4);
 }
 
+// How bright a place at white was is not known: whatever its files say, the flow is the same.
+TEST(NoiseFlow, PixelsAtWhiteAreNotLearntFrom) {
+  const RecordedFlow flow;
+  const Image clean_dn = load_picture(flow.folder / "clean.npy").planes[0];
+  SaveOptions again;
+  again.force = true;
+  const auto learnt = [&](float corner_dn, int size) {
+    Image other = clean_dn;
+    for (int r = 0; r < size; ++r) std::fill_n(other.row(r), size, corner_dn);
+    save_picture(flow.folder / "clean.npy", other, again);
+    return flow.train("100", "\"noisy.npy\"").record["log"].dump();
+  };
+  EXPECT_EQ(learnt(3995, 20), learnt(6000, 20));
+  EXPECT_NE(learnt(3900, 20), learnt(6000, 20));
+  const std::string problem = problem_of([&] { learnt(3995, clean_dn.rows() - 8); });
+  EXPECT_NE(problem.find("without one at white"), std::string::npos) << problem;
+}
+
 TEST(NoiseFlow, APatternThatMatchesNoFileIsRefused) {
   const RecordedFlow flow;
   const std::string problem = problem_of([&] { flow.train("100", R"(["noisy.npy", "nosy_*"])"); });

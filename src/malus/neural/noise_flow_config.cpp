@@ -98,6 +98,7 @@ class PairFrames {
     options_.layout = SensorLayout::named(config.sensor.layout);
     options_.black_dn = config.sensor.black_dn;
     options_.white_dn = config.sensor.white_dn;
+    white_dn_ = white_above_black(config.sensor.white_dn, config.sensor.black_dn);
     if (!config.model.empty()) model_ = load_model(config.model);
   }
 
@@ -105,7 +106,10 @@ class PairFrames {
     RawFrame noisy = load_frame(files.noisy, options_);
     const GainSetting gain = files.gain.decibel() ? files.gain : noisy.gain;
     const double step_dn = step_of(noisy.dn);  // black need not be whole
-    return {above_black(std::move(noisy)), clean_of(files), gain, files.noisy.string(), step_dn};
+    NoiseFlowPair pair{above_black(std::move(noisy)), clean_of(files), gain, files.noisy.string(),
+                       step_dn};
+    mark_unknown(pair.noisy_dn, white_dn_);
+    return pair;
   }
 
  private:
@@ -121,12 +125,14 @@ class PairFrames {
       return clean_dn_;
     clean_ = files;
     Image reference_dn = above_black(load_frame(files.clean, options_));
+    mark_unknown(reference_dn, white_dn_);
     clean_dn_ = light_of_reference(std::move(reference_dn), files.ratio,
                                    model_ ? &*model_ : nullptr, files.bias_at);
     return clean_dn_;
   }
 
   FrameOptions options_;
+  double white_dn_;
   std::optional<NoiseModel> model_;
   NoiseFlowFiles clean_;
   Image clean_dn_;

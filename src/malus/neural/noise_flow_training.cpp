@@ -12,6 +12,7 @@
 #include <numbers>
 #include <numeric>
 #include <set>
+#include <utility>
 
 #include <ATen/CPUGeneratorImpl.h>
 #include <fmt/format.h>
@@ -26,7 +27,32 @@ constexpr double kMostGradient = 10.0;
 struct PlanePair {
   torch::Tensor noise, clean;  ///< [channel, row, col], unit scale
   double log_gain;
+  /// Where crops without unknown pixels begin, row * columns + column; empty: anywhere.
+  std::vector<std::int64_t> starts;
 };
+
+// The places where a crop holds no unknown pixel, of any channel; empty: all of them.
+std::vector<std::int64_t> places_of_crops(const torch::Tensor& noise, int crop,
+                                          const std::string& name) {
+  const auto known = noise.isfinite().all(0);
+  if (known.all().item().toBool()) return {};
+  // Unknown pixels above and left of every place, a row and a column of zeros first.
+  const auto sums = torch::constant_pad_nd(known.logical_not().to(torch::kLong), {1, 0, 1, 0})
+                        .cumsum(0)
+                        .cumsum(1);
+  const auto rows = known.size(0), cols = known.size(1);
+  const auto corner = [&](std::int64_t down, std::int64_t right) {
+    return sums.slice(0, down, down + rows - crop + 1).slice(1, right, right + cols - crop + 1);
+  };
+  const auto inside = corner(crop, crop) - corner(0, crop) - corner(crop, 0) + corner(0, 0);
+  const auto free = inside.eq(0).nonzero();
+  if (free.size(0) == 0)
+    throw InputError(name,
+                     fmt::format("has no crop of {} pixels of a plane without one at white", crop),
+                     "expose less, give a smaller crop, or leave the pair out");
+  const auto starts = (free.select(1, 0) * cols + free.select(1, 1)).contiguous();
+  return {starts.data_ptr<std::int64_t>(), starts.data_ptr<std::int64_t>() + starts.numel()};
+}
 
 // The one converter's: frames of few codes may lie further apart. 0: none holds integers.
 double common_step(const std::vector<NoiseFlowPair>& pairs) {
@@ -52,21 +78,24 @@ void describe_pairs(const std::vector<NoiseFlowPair>& pairs, double step_dn,
 }
 
 PlanePair plane_pair(const NoiseFlowPair& pair, const NoiseFlowModel& model, double step_dn,
-                     const at::Generator& generator) {
+                     int crop, const at::Generator& generator) {
   const SensorLayout layout = model.layout();
   auto noisy = tensor_of_planes(pack(pair.noisy_dn, layout)).squeeze(0);
   if (pair.step_dn > 0)
     noisy = noisy + step_dn * (torch::rand(noisy.sizes(), generator, noisy.options()) - 0.5);
   const auto clean = tensor_of_planes(pack(pair.clean_dn, layout)).squeeze(0);
-  return {(noisy - clean) / model.scale_dn(), clean / model.scale_dn(),
-          NoiseFlowModel::log_gain(pair.gain)};
+  const auto noise = (noisy - clean) / model.scale_dn();
+  return {noise, clean / model.scale_dn(), NoiseFlowModel::log_gain(pair.gain),
+          places_of_crops(noise, crop, pair.name)};
 }
 
 // Straight line of squared noise over the signal: where the first layer starts.
 void start(NoiseFlow& network, const std::vector<PlanePair>& pairs) {
   double n = 0, sx = 0, sy = 0, sxx = 0, sxy = 0;
   for (const PlanePair& pair : pairs) {
-    const auto x = pair.clean.to(torch::kDouble), y = pair.noise.to(torch::kDouble).square();
+    const auto known = pair.noise.isfinite();
+    const auto x = pair.clean.masked_select(known).to(torch::kDouble),
+               y = pair.noise.masked_select(known).to(torch::kDouble).square();
     n += static_cast<double>(x.numel());
     sx += x.sum().item().toDouble();
     sy += y.sum().item().toDouble();
@@ -100,6 +129,17 @@ struct Batch {
   torch::Tensor noise, clean, gain;
 };
 
+std::pair<std::int64_t, std::int64_t> place_of_crop(const PlanePair& pair, int crop,
+                                                    RandomSequence& random) {
+  const auto rows = pair.noise.size(1), cols = pair.noise.size(2);
+  if (!pair.starts.empty()) {
+    const auto start = pair.starts[static_cast<std::size_t>(pick(random, std::ssize(pair.starts)))];
+    return {start / cols, start % cols};
+  }
+  const auto row = pick(random, rows - crop + 1), col = pick(random, cols - crop + 1);
+  return {row, col};
+}
+
 Batch draw_batch(const std::vector<PlanePair>& pairs, const NoiseFlowSettings& settings,
                  std::uint64_t seed, int step) {
   RandomSequence random(seed, static_cast<std::uint32_t>(step), Draw::kFlowCrop);
@@ -107,8 +147,7 @@ Batch draw_batch(const std::vector<PlanePair>& pairs, const NoiseFlowSettings& s
   std::vector<float> gain;
   for (int i = 0; i < settings.batch; ++i) {
     const PlanePair& pair = pairs[static_cast<std::size_t>(pick(random, std::ssize(pairs)))];
-    const auto row = pick(random, pair.noise.size(1) - settings.crop + 1),
-               col = pick(random, pair.noise.size(2) - settings.crop + 1);
+    const auto [row, col] = place_of_crop(pair, settings.crop, random);
     const auto cut = [&](const torch::Tensor& t) {
       return t.slice(1, row, row + settings.crop).slice(2, col, col + settings.crop);
     };
@@ -132,7 +171,7 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
   const auto generator = at::detail::createCPUGenerator(seed);
   std::vector<PlanePair> planes;
   for (const NoiseFlowPair& pair : pairs)
-    planes.push_back(plane_pair(pair, fit.model, step_dn, generator));
+    planes.push_back(plane_pair(pair, fit.model, step_dn, settings.crop, generator));
   NoiseFlow& network = fit.model.network();
   start(network, planes);
   torch::optim::Adam adam(network.parameters(), torch::optim::AdamOptions(settings.learning_rate));

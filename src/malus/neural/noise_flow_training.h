@@ -31,7 +31,8 @@ struct NoiseFlowSettings {
 };
 
 struct NoiseFlowPair {
-  Image noisy_dn, clean_dn;  ///< mosaics in DN above black, of one size
+  /// Mosaics in DN above black, of one size; what is NaN in one of them is not learnt from.
+  Image noisy_dn, clean_dn;
   GainSetting gain;
   std::string name = "a pair";  ///< for messages: the noisy file
   /// Of noisy_dn's whole numbers before black was subtracted; 0: it held none.
@@ -44,9 +45,9 @@ struct NoiseFlowFit {
   nlohmann::ordered_json record;
 };
 
-/// Frames of integers are spread over their step, so that a density exists. Saturated samples
-/// take part: pairs should not hold many. Fills the sensor's gain range. Throws InputError on no
-/// pairs, frames that are too small or of unequal size, unknown gains; Cancelled.
+/// Frames of integers are spread over their step, so that a density exists. Crops hold no pixel
+/// that is NaN. Fills the sensor's gain range. Throws InputError on no pairs, frames that are too
+/// small, of unequal size or without such a crop, unknown gains; Cancelled.
 NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlowPair>& pairs,
                               const NoiseFlowSettings& settings, std::uint64_t seed,
                               Progress& progress = silent_progress());
