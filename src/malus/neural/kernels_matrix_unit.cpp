@@ -1,7 +1,5 @@
-// One instruction of the unit adds the products of 16 rows of 32 rounded values with 16 columns of
-// them to 256 sums in float32. Weights lie as pack_pairs puts them, which is what it wants. Of its
-// eight registers, whose shapes are set beforehand, 0 to 3 hold sums: two tiles of rows by two of
-// columns.
+// Weights lie as pack_pairs puts them, which is what the unit wants. Of its registers 0 to 3 hold
+// sums: two tiles of rows by two of columns.
 #include "malus/base/error.h"
 #include "malus/neural/internal/matrix_unit.h"
 
@@ -19,33 +17,29 @@ HWY_PUSH_ATTRIBUTES("avx512f,avx512bw,avx512vl,avx512dq,amx-tile,amx-bf16")
 namespace malus::internal::matrix_unit {
 namespace {
 
-constexpr std::ptrdiff_t kTileRows = 16, kFloatBytes = sizeof(float);
-// Values of a step. Weights of a part for 32 columns, 64 KB, stay in the core's two caches.
-constexpr std::ptrdiff_t kDepth = 32, kInnerBlock = 1024;
+#include "malus/neural/internal/tile_registers-inl.h"
+
+// Weights of a part for 32 columns, 64 KB, stay in the core's two caches.
+constexpr std::ptrdiff_t kInnerBlock = 1024;
 #include "malus/neural/internal/inner_parts-inl.h"
 
-// What ldtilecfg reads.
-struct alignas(64) TileShapes {
-  std::uint8_t palette = 1, start_row = 0, reserved[14] = {};
-  std::uint16_t row_bytes[16] = {};
-  std::uint8_t rows[16] = {};
-};
-
 // Registers 0 to 3 for sums of this many rows (at most 16); 4 and 6 for a whole step of a and b, 5
-// and 7 for a last one of this many inner values.
-void shape_tiles(std::ptrdiff_t rows, std::ptrdiff_t last_inner) {
+// and 7 for a last one of this many inner values. To set them takes as long as a block of a small
+// product: they stay as they are where they fit.
+struct Shaped {
+  std::ptrdiff_t rows = 0, last_inner = 0;
+};
+void shape_tiles(std::ptrdiff_t rows, std::ptrdiff_t last_inner, Shaped& shaped) {
+  if (shaped.rows == rows && shaped.last_inner == last_inner) return;
+  shaped = {rows, last_inner};
   TileShapes shapes;
-  const auto shape = [&](int tile, std::ptrdiff_t tile_rows, std::ptrdiff_t bytes) {
-    shapes.rows[tile] = static_cast<std::uint8_t>(tile_rows);
-    shapes.row_bytes[tile] = static_cast<std::uint16_t>(bytes);
-  };
-  for (int tile = 0; tile <= 4; ++tile) shape(tile, rows, 64);
-  shape(6, kDepth / 2, 64);
+  for (int tile = 0; tile <= 4; ++tile) shape_tile(shapes, tile, rows, 64);
+  shape_tile(shapes, 6, kDepth / 2, 64);
   if (last_inner > 0) {
-    shape(5, rows, whole_pairs(last_inner) * 2);
-    shape(7, whole_pairs(last_inner) / 2, 64);
+    shape_tile(shapes, 5, rows, whole_pairs(last_inner) * 2);
+    shape_tile(shapes, 7, whole_pairs(last_inner) / 2, 64);
   }
-  _tile_loadconfig(&shapes);
+  use_shapes(shapes);
 }
 
 // One or two tiles of columns: where their weights and biases begin, how far the second tile lies
@@ -63,28 +57,6 @@ struct Rows {
   const float* factors;  // or null
   float* c;
 };
-
-// The unit's instructions. Those of the compiler take literal numbers of registers only, and GCC
-// 12's loads do not say that they read memory.
-template <int kTile>
-HWY_INLINE void clear() {
-  asm volatile("tilezero %%tmm%c0" : : "i"(kTile));
-}
-template <int kTile>
-HWY_INLINE void load(const void* from, std::ptrdiff_t row_bytes) {
-  asm volatile("tileloadd (%0,%1,1), %%tmm%c2"
-               :
-               : "r"(from), "r"(row_bytes), "i"(kTile)
-               : "memory");
-}
-template <int kTile>
-HWY_INLINE void store(void* to, std::ptrdiff_t row_bytes) {
-  asm volatile("tilestored %%tmm%c2, (%0,%1,1)" : : "r"(to), "r"(row_bytes), "i"(kTile) : "memory");
-}
-template <int kSums, int kA, int kB>
-HWY_INLINE void multiply_add() {
-  asm volatile("tdpbf16ps %%tmm%c0, %%tmm%c1, %%tmm%c2" : : "i"(kB), "i"(kA), "i"(kSums));
-}
 
 template <int kDown, int kAcross>
 HWY_INLINE void start_at_zero() {
@@ -253,23 +225,23 @@ void multiply_rows(const MatrixProduct& p, const Bfloat16* a, const InnerPart& p
 
 // All rows of some columns, whose first is n.
 void multiply_columns(const MatrixProduct& p, const Bfloat16* a, const InnerPart& part,
-                      const Columns& columns, std::ptrdiff_t n) {
+                      const Columns& columns, std::ptrdiff_t n, Shaped& shaped) {
   float* c = p.c + n;
   const bool fetches = p.ahead != nullptr && n == 0 && part.first;
   const std::ptrdiff_t last_inner = (part.k1 - part.k0) % kDepth,
                        twice = p.rows / (2 * kTileRows) * 2 * kTileRows,
                        once = p.rows / kTileRows * kTileRows, rest = p.rows - once;
-  if (once > 0) shape_tiles(kTileRows, last_inner);
+  if (once > 0) shape_tiles(kTileRows, last_inner, shaped);
   multiply_rows<2>(p, a, part, columns, c, 0, twice, 2 * kTileRows, fetches);
   multiply_rows<1>(p, a, part, columns, c, twice, once, kTileRows, fetches);
   if (rest == 0) return;
-  shape_tiles(rest, last_inner);
+  shape_tiles(rest, last_inner, shaped);
   multiply_rows<1>(p, a, part, columns, c, once, p.rows, rest, fetches);
 }
 
 // The columns of a panel that begins at column n; of a gated one a tile of either half at a time.
 void multiply_panel(const MatrixProduct& p, const Bfloat16* a, const Bfloat16* b, std::ptrdiff_t n,
-                    std::ptrdiff_t count) {
+                    std::ptrdiff_t count, Shaped& shaped) {
   const std::ptrdiff_t width = whole_lanes(count), half = p.gate ? count / 2 : width,
                        across = p.gate ? kLane : 2 * kLane;
   for (std::ptrdiff_t col = 0; col < half; col += across) {
@@ -282,7 +254,7 @@ void multiply_panel(const MatrixProduct& p, const Bfloat16* a, const Bfloat16* b
                           p.gate ? kLane : std::min(left, kLane),
                           p.bias == nullptr ? nullptr : p.bias + n + col};
     for_inner_parts(p, [&](const InnerPart& part) {
-      multiply_columns(p, a, part, columns, p.gate ? n / 2 + col : n + col);
+      multiply_columns(p, a, part, columns, p.gate ? n / 2 + col : n + col, shaped);
     });
   }
 }
@@ -290,9 +262,11 @@ void multiply_panel(const MatrixProduct& p, const Bfloat16* a, const Bfloat16* b
 void multiply_panels(const MatrixProduct& p, const Bfloat16* a) {
   const std::ptrdiff_t taps = std::max<std::ptrdiff_t>(std::ssize(p.taps), 1),
                        most = p.gate ? gate_panel(true) : panel_of(p.cols);
+  Shaped shaped;
   for (std::ptrdiff_t n = 0; n < p.cols; n += most)
-    multiply_panel(p, a, p.pairs + n * taps * whole_pairs(p.inner), n, std::min(most, p.cols - n));
-  _tile_release();
+    multiply_panel(p, a, p.pairs + n * taps * whole_pairs(p.inner), n, std::min(most, p.cols - n),
+                   shaped);
+  release_tiles();
 }
 
 }  // namespace
