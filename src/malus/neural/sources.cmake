@@ -14,6 +14,7 @@ set(neural_SOURCES
   hybrid.cpp
   inference.cpp
   initial_network.cpp
+  kernels_attention.cpp
   kernels_bfloat16.cpp
   kernels_matrix_unit.cpp
   kernels_pixel.cpp

@@ -1,6 +1,8 @@
 #include "malus/neural/internal/windows.h"
 
+#include "malus/neural/internal/matrix_unit.h"
 #include "malus/neural/internal/tasks.h"
+#include "malus/neural/internal/window_attention.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,9 +14,9 @@ namespace {
 // One window's memory: values [pixels, channels], and what attention needs.
 struct WindowBuffers {
   std::ptrdiff_t pixels, channels;
-  float *x, *normal, *qkv, *mixed, *scores, *labels, *keys, *factors;
+  float *x, *normal, *qkv, *mixed, *scores, *labels, *keys, *factors, *unit;
   WindowBuffers(std::ptrdiff_t pixel_count, std::ptrdiff_t channel_count, std::ptrdiff_t side,
-                Scratch& scratch)
+                std::ptrdiff_t unit_values, Scratch& scratch)
       : pixels(pixel_count), channels(channel_count) {
     x = scratch.take(pixels * channels);
     normal = scratch.take(pixels * channels);
@@ -24,20 +26,30 @@ struct WindowBuffers {
     labels = scratch.take(pixels);
     keys = scratch.take(side * side);
     factors = scratch.take(2 * channels);
+    unit = scratch.take(unit_values);
   }
-  static std::ptrdiff_t size(std::ptrdiff_t pixels, std::ptrdiff_t channels, std::ptrdiff_t side) {
-    return 6 * pixels * channels + 2 * side * side + pixels + 2 * channels + 8 * kLane;
+  static std::ptrdiff_t size(std::ptrdiff_t pixels, std::ptrdiff_t channels, std::ptrdiff_t side,
+                             std::ptrdiff_t unit_values) {
+    return 6 * pixels * channels + 2 * side * side + pixels + 2 * channels + unit_values +
+           9 * kLane;
   }
 };
 
-// Pixels attend to pixels; masked: labels tell parts of the picture apart.
-void attend_pixels(const PixelAttention& layer, bool masked, const WindowBuffers& w) {
+// Whether what the layer gives is multiplied further in the matrix unit.
+bool attends_in_unit(const PackedLinear& to_qkv) { return to_qkv.rounded() && has_matrix_unit(); }
+
+WindowHeads heads_of(const WindowBuffers& w, std::ptrdiff_t heads) {
+  return {w.pixels, heads, w.channels / heads, w.qkv, w.mixed, w.unit};
+}
+
+// What lies between the products before and after: of queries and keys scores, of these weights,
+// and values mixed by them.
+void mix_pixels(const PixelAttention& layer, bool masked, const WindowBuffers& w) {
   const std::ptrdiff_t n = w.pixels, width = w.channels / layer.heads, row = 3 * w.channels;
-  normalize_rows(layer.norm, w.x, w.channels, n, w.channels, w.normal);
-  if (layer.modulator.defined())
-    add_scaled(w.normal, layer.modulator.data_ptr<float>(), 1, n * w.channels);
-  layer.to_qkv.run(w.normal, n, w.qkv, row);
   const float scale = 1 / std::sqrt(static_cast<float>(width));
+  if (attends_in_unit(layer.to_qkv))
+    return attend_pixels_in_unit(heads_of(w, layer.heads), scale, layer.bias.data_ptr<float>(),
+                                 masked ? w.labels : nullptr);
   for (std::ptrdiff_t head = 0; head < layer.heads; ++head) {
     const float *q = w.qkv + head * width, *k = q + w.channels, *v = k + w.channels;
     pack_columns(k, width, n, 1, row, w.keys);
@@ -55,7 +67,16 @@ void attend_pixels(const PixelAttention& layer, bool masked, const WindowBuffers
     mix.c_row = w.channels;
     multiply(mix);
   }
-  layer.project.run(w.mixed, n, w.x, w.channels, true);
+}
+
+// Pixels attend to pixels; masked: labels tell parts of the picture apart.
+void attend_pixels(const PixelAttention& layer, bool masked, const WindowBuffers& w) {
+  normalize_rows(layer.norm, w.x, w.channels, w.pixels, w.channels, w.normal);
+  if (layer.modulator.defined())
+    add_scaled(w.normal, layer.modulator.data_ptr<float>(), 1, w.pixels * w.channels);
+  layer.to_qkv.run(w.normal, w.pixels, w.qkv, 3 * w.channels);
+  mix_pixels(layer, masked, w);
+  layer.project.run(w.mixed, w.pixels, w.x, w.channels, true);
 }
 
 // Brings columns of queries and keys to length 1 over the window's pixels.
@@ -68,10 +89,10 @@ void unit_columns(float* values, std::ptrdiff_t row, std::ptrdiff_t pixels, std:
   scale_columns(values, row, pixels, count, factors, values, row);
 }
 
-void attend_channels(const ChannelAttention& layer, const WindowBuffers& w) {
+void mix_channels(const ChannelAttention& layer, const WindowBuffers& w) {
   const std::ptrdiff_t n = w.pixels, width = w.channels / layer.heads, row = 3 * w.channels;
-  normalize_rows(layer.norm, w.x, w.channels, n, w.channels, w.normal);
-  layer.to_qkv.run(w.normal, n, w.qkv, row);
+  if (attends_in_unit(layer.to_qkv))
+    return attend_channels_in_unit(heads_of(w, layer.heads), layer.temperature.data());
   unit_columns(w.qkv, row, n, 2 * w.channels, w.factors);
   for (std::ptrdiff_t head = 0; head < layer.heads; ++head) {
     const float *q = w.qkv + head * width, *k = q + w.channels, *v = k + w.channels;
@@ -93,7 +114,13 @@ void attend_channels(const ChannelAttention& layer, const WindowBuffers& w) {
     mix.c_row = w.channels;
     multiply(mix);
   }
-  layer.project.run(w.mixed, n, w.x, w.channels, true);
+}
+
+void attend_channels(const ChannelAttention& layer, const WindowBuffers& w) {
+  normalize_rows(layer.norm, w.x, w.channels, w.pixels, w.channels, w.normal);
+  layer.to_qkv.run(w.normal, w.pixels, w.qkv, 3 * w.channels);
+  mix_channels(layer, w);
+  layer.project.run(w.mixed, w.pixels, w.x, w.channels, true);
 }
 
 }  // namespace
@@ -106,15 +133,18 @@ torch::Tensor attend_in_windows(const torch::Tensor& x, std::ptrdiff_t window, s
                                 const PixelAttention& pixels, const ChannelAttention* channels) {
   const std::ptrdiff_t rows = x.size(1), cols = x.size(2), width = x.size(3);
   const std::ptrdiff_t down = rows / window, n = window * window,
-                       side = std::max(n, width / pixels.heads);
+                       side = whole_lanes(std::max(n, width / pixels.heads)),
+                       unit = attends_in_unit(pixels.to_qkv)
+                                  ? attention_memory(n, width / pixels.heads)
+                                  : 0;
   torch::Tensor y = torch::empty_like(x);
   const float* from = x.data_ptr<float>();
   float* to = y.data_ptr<float>();
   const auto bytes = sizeof(float) * static_cast<std::size_t>(width);
   // A row of windows at a time.
   for_each_task(x.size(0) * down, [&](std::ptrdiff_t task) {
-    Scratch scratch(WindowBuffers::size(n, width, whole_lanes(side)));
-    const WindowBuffers w(n, width, whole_lanes(side), scratch);
+    Scratch scratch(WindowBuffers::size(n, width, side, unit));
+    const WindowBuffers w(n, width, side, unit, scratch);
     const std::ptrdiff_t image = task / down, top = task % down * window;
     std::vector<std::ptrdiff_t> place(static_cast<std::size_t>(n));
     for (std::ptrdiff_t left = 0; left < cols; left += window) {
