@@ -1,3 +1,4 @@
+#include "malus/neural/internal/convolution.h"
 #include "malus/neural/internal/layers.h"
 #include "malus/neural/internal/strips.h"
 #include "malus/neural/internal/windows.h"
@@ -133,6 +134,13 @@ class Hybrid final : public Network {
   torch::Tensor forward(torch::Tensor input) override {
     const auto rows = input.size(2), cols = input.size(3);
     input = pad_to_multiple(input, window_ << (encoders_.size() - 1));
+    const auto y = internal::kernels_apply(input) ? with_kernels(input) : with_layers(input);
+    return y.slice(2, 0, rows).slice(3, 0, cols);
+  }
+
+ private:
+  // Conditioning planes may follow the picture: the residual is on the picture's channels.
+  torch::Tensor with_layers(const torch::Tensor& input) {
     auto x = embed_(input).permute({0, 2, 3, 1});
     std::vector<torch::Tensor> skips;
     for (std::size_t i = 0; i < encoders_.size(); ++i) {
@@ -145,12 +153,49 @@ class Hybrid final : public Network {
       x = decoders_[i]->forward(merges_[i](torch::cat({up, skips[skips.size() - 2 - i]}, 3)));
     }
     x = output_(x.permute({0, 3, 1, 2}));
-    // Conditioning planes may follow the picture: the residual is on the picture's channels.
-    x = x + input.slice(1, 0, x.size(1));
-    return x.slice(2, 0, rows).slice(3, 0, cols);
+    return x + input.slice(1, 0, x.size(1));
   }
 
- private:
+  // The same in the kernels' order of memory; skips are joined where they are read.
+  struct Packed {
+    internal::PackedConvolution embed, output;
+    std::vector<internal::PackedConvolution> downs, merges;
+    std::vector<internal::PackedDoubling> ups;
+  };
+  // What takes the picture in and gives it out keeps all digits: there rounding costs most and
+  // brings no time.
+  static internal::PackedConvolution exact(const Conv2d& layer) {
+    const internal::RoundedProducts float32(false);
+    return internal::PackedConvolution(layer);
+  }
+  Packed packed() const {
+    Packed made{exact(embed_), exact(output_), {}, {}, {}};
+    for (const Conv2d& layer : downs_) made.downs.emplace_back(layer);
+    for (const ConvTranspose2d& layer : ups_) made.ups.emplace_back(layer);
+    for (const Linear& layer : merges_)
+      made.merges.emplace_back().taps = {layer->weight, layer->bias};
+    return made;
+  }
+  torch::Tensor with_kernels(const torch::Tensor& planes) {
+    const Packed& layers = packed_.of(*this, [&] { return packed(); });
+    const auto input = internal::channels_last(planes);
+    auto x = convolve(layers.embed, input);
+    std::vector<torch::Tensor> skips;
+    for (std::size_t i = 0; i < encoders_.size(); ++i) {
+      if (i > 0) x = convolve(layers.downs[i - 1], x);
+      x = encoders_[i]->forward(x);
+      skips.push_back(x);
+    }
+    skips.pop_back();
+    for (std::size_t i = 0; i < decoders_.size(); ++i) {
+      x = convolve(layers.merges[i], double_size(layers.ups[i], x), skips.back());
+      skips.pop_back();
+      x = decoders_[i]->forward(x);
+    }
+    x = convolve(layers.output, x);
+    return internal::channels_first(x.add_(input.slice(3, 0, x.size(3))));
+  }
+
   Sequential blocks(std::int64_t dim, std::int64_t stage) {
     const auto at = static_cast<std::size_t>(stage);
     const std::int64_t count = settings_.at("depths").at(at);
@@ -163,6 +208,7 @@ class Hybrid final : public Network {
 
   nlohmann::json settings_;
   std::int64_t window_;
+  internal::Cached<Packed> packed_;
   Conv2d embed_{nullptr}, output_{nullptr};
   std::vector<Sequential> encoders_, decoders_;
   std::vector<Conv2d> downs_;

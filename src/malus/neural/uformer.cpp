@@ -1,3 +1,4 @@
+#include "malus/neural/internal/convolution.h"
 #include "malus/neural/internal/layers.h"
 #include "malus/neural/internal/strips.h"
 #include "malus/neural/internal/windows.h"
@@ -95,6 +96,16 @@ class Uformer final : public Network {
   torch::Tensor forward(torch::Tensor input) override {
     const auto rows = input.size(2), cols = input.size(3);
     input = pad_to_multiple(input, window_ << kStages);
+    auto y = internal::kernels_apply(input) ? with_kernels(input) : with_layers(input);
+    // As in the public implementation the global residual exists for colour pictures only.
+    if (y.size(1) == 3 && input.size(1) == 3) y = y + input;
+    return y.slice(2, 0, rows).slice(3, 0, cols);
+  }
+
+ private:
+  static constexpr std::int64_t kStages = 4;
+
+  torch::Tensor with_layers(const torch::Tensor& input) {
     auto x = input_proj_->forward(input).permute({0, 2, 3, 1});
     std::vector<torch::Tensor> skips;
     for (std::size_t i = 0; i < kStages; ++i) {
@@ -107,14 +118,52 @@ class Uformer final : public Network {
       x = torch::cat({resampled(ups_[i], x), skips[kStages - 1 - i]}, 3);
       x = stages_[kStages + 1 + i]->forward(x);
     }
-    x = output_proj_->forward(x.permute({0, 3, 1, 2}));
-    // As in the public implementation the global residual exists for colour pictures only.
-    if (x.size(1) == 3 && input.size(1) == 3) x = x + input;
-    return x.slice(2, 0, rows).slice(3, 0, cols);
+    return output_proj_->forward(x.permute({0, 3, 1, 2}));
   }
 
- private:
-  static constexpr std::int64_t kStages = 4;
+  // The same in the kernels' order of memory.
+  struct Packed {
+    internal::PackedConvolution first, last;
+    std::vector<internal::PackedConvolution> downs;
+    std::vector<internal::PackedDoubling> ups;
+  };
+  template <class Layer, class Impl>
+  static Layer layer_of(const Sequential& sequential) {
+    return Layer(std::dynamic_pointer_cast<Impl>(sequential->ptr(0)));
+  }
+  Packed packed() const {
+    Packed made;
+    {
+      // What takes the picture in and gives it out keeps all digits: there rounding costs most and
+      // brings no time.
+      const internal::RoundedProducts float32(false);
+      const auto leak = input_proj_->ptr(1)->as<LeakyReLU>()->options.negative_slope();
+      made.first = internal::PackedConvolution(layer_of<Conv2d, Conv2dImpl>(input_proj_),
+                                               static_cast<float>(leak));
+      made.last = internal::PackedConvolution(layer_of<Conv2d, Conv2dImpl>(output_proj_));
+    }
+    for (const auto& layer : downs_) made.downs.emplace_back(layer_of<Conv2d, Conv2dImpl>(layer));
+    for (const auto& layer : ups_)
+      made.ups.emplace_back(layer_of<ConvTranspose2d, ConvTranspose2dImpl>(layer));
+    return made;
+  }
+  torch::Tensor with_kernels(const torch::Tensor& input) {
+    const Packed& layers = packed_.of(*this, [&] { return packed(); });
+    auto x = convolve(layers.first, internal::channels_last(input));
+    std::vector<torch::Tensor> skips;
+    for (std::size_t i = 0; i < kStages; ++i) {
+      x = stages_[i]->forward(x);
+      skips.push_back(x);
+      x = convolve(layers.downs[i], x);
+    }
+    x = stages_[kStages]->forward(x);
+    for (std::size_t i = 0; i < kStages; ++i) {
+      x = torch::cat({double_size(layers.ups[i], x), skips.back()}, 3);
+      skips.pop_back();
+      x = stages_[kStages + 1 + i]->forward(x);
+    }
+    return internal::channels_first(convolve(layers.last, x));
+  }
 
   // size is the resolution that the network was built for: a stage no larger than a window is not
   // shifted.
@@ -142,6 +191,7 @@ class Uformer final : public Network {
 
   nlohmann::json settings_;
   std::int64_t window_;
+  internal::Cached<Packed> packed_;
   Sequential input_proj_{nullptr}, output_proj_{nullptr};
   std::vector<Sequential> stages_, downs_, ups_;
 };
