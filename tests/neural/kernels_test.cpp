@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "plain_layers.h"
+#include "small_networks.h"
 #include "support.h"
 #include <ATen/Parallel.h>
 #include <gtest/gtest.h>
@@ -53,6 +54,43 @@ TEST(Kernels, GiveWhatTheLayersOfEveryNetworkGive) {
           << name << " " << rows << " x " << cols;
       EXPECT_FALSE(torch::equal(fast, plain)) << name << " took the layers twice";
     }
+  }
+}
+
+// Blocks whose heads fill no vectors are the layers', what lies between them is not; a stage may be
+// the only one.
+TEST(Kernels, GiveWhatTheLayersGiveAroundBlocksWithoutKernels) {
+  const torch::NoGradGuard no_gradients;
+  NetworkDescription one_stage = wide("malus");
+  one_stage.settings["depths"] = {3};
+  one_stage.settings["heads"] = {1};
+  for (const auto& description :
+       {testing::small_network("uformer"), testing::small_network("malus"), one_stage}) {
+    const auto network = scattered(description);
+    const bool small = description.settings != one_stage.settings;
+    const auto x = torch::rand({2, small ? 4 : 5, 37, 22});
+    const auto plain = by_layers(*network, x), fast = network->forward(x);
+    ASSERT_EQ(fast.sizes(), plain.sizes());
+    EXPECT_LT(farthest_apart(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
+        << description.architecture;
+    EXPECT_FALSE(torch::equal(fast, plain)) << description.architecture << " took the layers twice";
+  }
+}
+
+// The residual is on the picture's planes, not on those that follow them, or on none.
+TEST(Kernels, GiveWhatTheLayersGiveForOtherNumbersOfPlanes) {
+  const torch::NoGradGuard no_gradients;
+  NetworkDescription conditioned = wide("malus"), colour = wide("uformer"), wider = colour;
+  conditioned.settings["out_channels"] = 3;
+  colour.settings["in_chans"] = colour.settings["dd_in"] = 3;
+  wider.settings["dd_in"] = 7;
+  for (const auto& [description, planes] : {std::pair{conditioned, 5}, {colour, 3}, {wider, 5}}) {
+    const auto network = scattered(description);
+    const auto x = torch::rand({1, planes, 40, 24});
+    const auto plain = by_layers(*network, x), fast = network->forward(x);
+    ASSERT_EQ(fast.sizes(), plain.sizes());
+    EXPECT_LT(farthest_apart(fast, plain), 2e-5 * (1 + plain.abs().max().item<double>()))
+        << description.architecture;
   }
 }
 

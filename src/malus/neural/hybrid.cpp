@@ -71,14 +71,26 @@ class HybridBlockImpl : public Module {
     mlp_ = register_module("mlp", LeFF(dim, 2 * dim));
   }
   torch::Tensor forward(torch::Tensor x) {
-    if (internal::kernels_apply(x) && internal::windows_apply(x.size(3), heads_, window_))
-      return with_kernels(x.contiguous());
     x = in_windows(std::move(x), window_, shift_,
                    [&](torch::Tensor windows, const torch::Tensor& mask) {
                      windows = windows + sw_ma_(norm1_(windows), mask);
                      return windows + w_msta_(norm2_(windows));
                    });
     return x + mlp_(norm3_(x));
+  }
+  void filter(torch::Tensor& x, torch::Tensor& spare) {
+    if (!internal::windows_apply(x.size(3), heads_, window_)) {
+      x = forward(x).contiguous();
+      return;
+    }
+    const Packed& packed = packed_.of(*this, [&] {
+      return Packed{sw_ma_->packed(norm1_), w_msta_->packed(norm2_), mlp_->packed(norm3_),
+                    mlp_->packed_project()};
+    });
+    internal::attend_in_windows(x, window_, shift_, packed.pixels, &packed.channels);
+    spare = internal::strip_feed_forward(x, packed.wide, internal::StripActivation::kGelu,
+                                         packed.project, spare);
+    std::swap(x, spare);
   }
 
  private:
@@ -88,16 +100,6 @@ class HybridBlockImpl : public Module {
     internal::StripLayer wide;
     internal::PackedLinear project;
   };
-  torch::Tensor with_kernels(const torch::Tensor& x) {
-    const Packed& packed = packed_.of(*this, [&] {
-      return Packed{sw_ma_->packed(norm1_), w_msta_->packed(norm2_), mlp_->packed(norm3_),
-                    mlp_->packed_project()};
-    });
-    return internal::strip_feed_forward(
-        internal::attend_in_windows(x, window_, shift_, packed.pixels, &packed.channels),
-        packed.wide, internal::StripActivation::kGelu, packed.project);
-  }
-
   std::int64_t heads_, window_, shift_;
   internal::Cached<Packed> packed_;
   LayerNorm norm1_{nullptr}, norm2_{nullptr}, norm3_{nullptr};
@@ -183,14 +185,14 @@ class Hybrid final : public Network {
     std::vector<torch::Tensor> skips;
     for (std::size_t i = 0; i < encoders_.size(); ++i) {
       if (i > 0) x = convolve(layers.downs[i - 1], x);
-      x = encoders_[i]->forward(x);
+      x = filtered<HybridBlock>(encoders_[i], x);
       skips.push_back(x);
     }
     skips.pop_back();
     for (std::size_t i = 0; i < decoders_.size(); ++i) {
       x = convolve(layers.merges[i], double_size(layers.ups[i], x), skips.back());
       skips.pop_back();
-      x = decoders_[i]->forward(x);
+      x = filtered<HybridBlock>(decoders_[i], x);
     }
     x = convolve(layers.output, x);
     return internal::channels_first(x.add_(input.slice(3, 0, x.size(3))));

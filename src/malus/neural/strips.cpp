@@ -219,9 +219,10 @@ torch::Tensor strip_gate(const torch::Tensor& x, const StripLayer& layer,
 }
 
 torch::Tensor strip_feed_forward(const torch::Tensor& x, const StripLayer& layer,
-                                 StripActivation activation, const PackedLinear& project) {
+                                 StripActivation activation, const PackedLinear& project,
+                                 const torch::Tensor& into) {
   const std::ptrdiff_t channels = x.size(3);
-  torch::Tensor y = torch::empty_like(x);
+  const torch::Tensor y = into.defined() ? into : torch::empty_like(x);
   const float* from = x.data_ptr<float>();
   float* to = y.data_ptr<float>();
   for_each_strip(x, layer, [&](const StripPiece& piece) {

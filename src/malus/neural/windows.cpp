@@ -129,17 +129,15 @@ bool windows_apply(std::ptrdiff_t channels, std::ptrdiff_t heads, std::ptrdiff_t
   return channels % heads == 0 && channels / heads % kLane == 0 && window * window % kLane == 0;
 }
 
-torch::Tensor attend_in_windows(const torch::Tensor& x, std::ptrdiff_t window, std::ptrdiff_t shift,
-                                const PixelAttention& pixels, const ChannelAttention* channels) {
+void attend_in_windows(const torch::Tensor& x, std::ptrdiff_t window, std::ptrdiff_t shift,
+                       const PixelAttention& pixels, const ChannelAttention* channels) {
   const std::ptrdiff_t rows = x.size(1), cols = x.size(2), width = x.size(3);
   const std::ptrdiff_t down = rows / window, n = window * window,
                        side = whole_lanes(std::max(n, width / pixels.heads)),
                        unit = attends_in_unit(pixels.to_qkv)
                                   ? attention_memory(n, width / pixels.heads)
                                   : 0;
-  torch::Tensor y = torch::empty_like(x);
-  const float* from = x.data_ptr<float>();
-  float* to = y.data_ptr<float>();
+  float* values = x.data_ptr<float>();
   const auto bytes = sizeof(float) * static_cast<std::size_t>(width);
   // A row of windows at a time.
   for_each_task(x.size(0) * down, [&](std::ptrdiff_t task) {
@@ -154,15 +152,14 @@ torch::Tensor attend_in_windows(const torch::Tensor& x, std::ptrdiff_t window, s
         place[at] = ((image * rows + (r + shift) % rows) * cols + (c + shift) % cols) * width;
         // Swin's regions: what the shift has wrapped to the last window's far side is another part.
         w.labels[i] = (r >= rows - shift ? 2.0F : 0.0F) + (c >= cols - shift ? 1.0F : 0.0F);
-        std::memcpy(w.x + i * width, from + place[at], bytes);
+        std::memcpy(w.x + i * width, values + place[at], bytes);
       }
       attend_pixels(pixels, shift > 0 && (top + window == rows || left + window == cols), w);
       if (channels != nullptr) attend_channels(*channels, w);
       for (std::ptrdiff_t i = 0; i < n; ++i)
-        std::memcpy(to + place[static_cast<std::size_t>(i)], w.x + i * width, bytes);
+        std::memcpy(values + place[static_cast<std::size_t>(i)], w.x + i * width, bytes);
     }
   });
-  return y;
 }
 
 }  // namespace malus::internal

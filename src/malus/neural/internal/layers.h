@@ -24,6 +24,15 @@ torch::Tensor zero_pad_to_multiple(const torch::Tensor& x, std::int64_t multiple
 /// x through a stage's blocks, of which there may be none: libtorch's own forward wants one.
 torch::Tensor through(torch::nn::Sequential blocks, const torch::Tensor& x);
 
+/// The same in place by the kernels: block->filter(x, spare) overwrites x and spare, a tensor of
+/// its size or undefined, and leaves its result in x. So a stage takes memory for two tensors once.
+template <class Block>
+torch::Tensor filtered(const torch::nn::Sequential& blocks, torch::Tensor x) {
+  torch::Tensor spare;
+  for (const auto& block : blocks->children()) block->template as<Block>()->filter(x, spare);
+  return x;
+}
+
 /// inside(windows, mask) on x [batch, rows, cols, channels] cut into windows of [batch * windows,
 /// window², channels], put together again; sizes are multiples of window. The windows are shifted
 /// by `shift` rows and columns, around the borders, and mask [windows, window², window²] (0 or

@@ -37,9 +37,11 @@ void for_each_strip(const torch::Tensor& x, const StripLayer& layer,
 torch::Tensor strip_gate(const torch::Tensor& x, const StripLayer& layer,
                          const torch::Tensor& gated);
 
-/// x + project(activation(strip)), where the activation is gelu, or halves the values by gating.
+/// x + project(activation(strip)), where the activation is gelu, or halves the values by gating;
+/// into another tensor of x's size where one is given.
 enum class StripActivation { kGelu, kGateWithGelu };
 torch::Tensor strip_feed_forward(const torch::Tensor& x, const StripLayer& layer,
-                                 StripActivation activation, const PackedLinear& project);
+                                 StripActivation activation, const PackedLinear& project,
+                                 const torch::Tensor& into = {});
 
 }  // namespace malus::internal

@@ -28,9 +28,9 @@ struct ChannelAttention {
 /// Whether the kernels do it: whole vectors in every head and window.
 bool windows_apply(std::ptrdiff_t channels, std::ptrdiff_t heads, std::ptrdiff_t window);
 
-/// x + attention of x in windows shifted by shift, then the same with channels (null: not).
+/// x += attention of x in windows shifted by shift, then the same with channels (null: not).
 /// x: [batch, rows, cols, channels], contiguous, rows and cols in multiples of window.
-torch::Tensor attend_in_windows(const torch::Tensor& x, std::ptrdiff_t window, std::ptrdiff_t shift,
-                                const PixelAttention& pixels, const ChannelAttention* channels);
+void attend_in_windows(const torch::Tensor& x, std::ptrdiff_t window, std::ptrdiff_t shift,
+                       const PixelAttention& pixels, const ChannelAttention* channels);
 
 }  // namespace malus::internal
