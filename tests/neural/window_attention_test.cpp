@@ -2,8 +2,9 @@
 // queries, keys and values: what remains is the rounding of the weights.
 #include "malus/neural/internal/window_attention.h"
 
-#include "malus/neural/internal/kernels.h"
+#include "malus/neural/internal/layers.h"
 #include "malus/neural/internal/matrix_unit.h"
+#include "malus/neural/internal/windows.h"
 
 #include <cmath>
 #include <limits>
@@ -121,6 +122,38 @@ TEST(WindowAttention, TakesChannelsWithoutLength) {
     internal::attend_channels_in_unit(window, &temperature);
   });
   EXPECT_LT((mixed - 2).abs().max().item<double>(), 1e-2);
+}
+
+// What attention in shifted windows adds to a picture, among pixels and then channels, with weights
+// that make it choose: what it must keep apart would show.
+torch::Tensor added_in_windows(std::int64_t shift, bool in_unit) {
+  torch::manual_seed(23);
+  constexpr std::int64_t kWidth = 32, kHeads = 2, kWindow = 8;
+  WindowAttention layer(kWidth, kWindow, kHeads);
+  torch::nn::LayerNorm norm(torch::nn::LayerNormOptions({kWidth}));
+  for (torch::Tensor& parameter : layer->parameters()) parameter.mul_(4);
+  const internal::RoundedProducts rounding(in_unit);
+  const internal::ChannelAttention channels{
+      packed_norm(norm),
+      {torch::randn({3 * kWidth, kWidth}), {}},
+      {2.0F, 5.0F},
+      {torch::randn({kWidth, kWidth}), torch::randn({kWidth})},
+      kHeads};
+  const auto x = 3 * torch::randn({2, 3 * kWindow, 2 * kWindow, kWidth});
+  auto y = x.clone();
+  internal::attend_in_windows(y, kWindow, shift, layer->packed(norm), &channels);
+  return y - x;
+}
+
+TEST(WindowAttention, StaysNearFloat32InShiftedWindows) {
+  if (!internal::has_matrix_unit()) GTEST_SKIP() << "this processor has no matrix unit";
+  const torch::NoGradGuard no_gradients;
+  for (const std::int64_t shift : {0, 4}) {
+    const auto exact = added_in_windows(shift, false), rough = added_in_windows(shift, true);
+    const double loss = (rough - exact).square().mean().sqrt().item<double>();
+    EXPECT_LT(loss, 0.01 * exact.std().item<double>()) << "shifted by " << shift;
+    EXPECT_GT(loss, 0) << "did not round";
+  }
 }
 
 }  // namespace
