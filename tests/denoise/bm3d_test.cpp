@@ -88,7 +88,8 @@ INSTANTIATE_TEST_SUITE_P(
     Sizes, Bm3dAgainstPlain,
     ::testing::Values(PlainCase{1, 1, 1, 3, 4, 16}, PlainCase{1, 1, 29, 3, 5, 16},
                       PlainCase{1, 31, 1, 4, 5, 8}, PlainCase{3, 9, 8, 2, 3, 32},
-                      PlainCase{1, 41, 53, 3, 7, 16}, PlainCase{2, 37, 30, 3, 4, 32}));
+                      PlainCase{1, 41, 53, 3, 7, 16}, PlainCase{2, 37, 30, 3, 4, 32},
+                      PlainCase{3, 33, 31, 3, 4, 8}));
 INSTANTIATE_TEST_SUITE_P(
     Steps, Bm3dAgainstPlain,
     ::testing::Values(PlainCase{1, 27, 33, 1, 3, 8}, PlainCase{1, 27, 66, 2, 3, 16},
@@ -109,6 +110,15 @@ TEST(Bm3d, RemovesMostOfTheNoiseOfAFlatPicture) {
     const Planes result = bm3d(with_noise(clean, sigma[0], 1), sigma, {.profile = profile});
     EXPECT_LT(mean_squared_difference(result[0], clean[0]), 4.0 / 25) << profile;
   }
+}
+
+// A random picture of a thousand deviations: none of its coefficients is taken for noise.
+TEST(Bm3d, StatesTheNoiseItselfWhereNothingIsTakenOut) {
+  const Planes picture = with_noise(Planes(1, 50, 60), 3000, 11);
+  const std::array sigma = {3.0F};
+  Planes variance;
+  (void)bm3d(picture, sigma, {}, {}, silent_progress(), &variance);
+  for (const float stated : variance[0].values()) ASSERT_NEAR(stated, 9.0F, 0.01F * 9.0F);
 }
 
 TEST(Bm3d, GivesConstantPlanesBackExactly) {
