@@ -209,6 +209,18 @@ LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model)
   return loaded;
 }
 
+LoadedCapture load_known_light(const RecordedPair& capture, const NoiseModel& model) {
+  LoadedCapture loaded{load_short(capture, &model), {}};
+  RawFrame reference = load_reference(capture, loaded.noisy);
+  mark_unknown(reference.dn,
+               white_of_reference(reference, loaded.noisy)
+                   .value_or(white_above_black(model.white_dn, model.black_dn)),
+               model.profile_at(capture.gain).defects);
+  loaded.clean_dn =
+      light_of_reference(std::move(reference.dn), capture.ratio, &model, capture.bias_at);
+  return loaded;
+}
+
 Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded,
                         const NoiseModel& model) {
   if (capture.picture.empty()) return demosaick_bayer(loaded.clean_dn, model.layout);
@@ -228,8 +240,8 @@ NoiseDivergence divergence(const std::vector<RecordedPair>& made,
     if (const RecordedPair* pair = counterpart(made, target)) scenes.emplace_back(&target, pair);
   const auto noise_of = [&](int k) {
     const auto [target, pair] = scenes[as_index(k)];
-    return NoiseOfScene{noise_dn(load_capture(*target, model)),
-                        noise_dn(load_capture(*pair, model))};
+    return NoiseOfScene{noise_dn(load_known_light(*target, model)),
+                        noise_dn(load_known_light(*pair, model))};
   };
   const int count = static_cast<int>(std::ssize(scenes));
   const auto d = compare_scenes(count, noise_of, NoiseComparisonSettings().bins);

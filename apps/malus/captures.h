@@ -55,6 +55,9 @@ struct LoadedCapture {
   Image clean_dn;  ///< DN above black, at the noisy frame's light
 };
 LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model);
+/// The same with NaN where the reference does not tell the light (mark_unknown,
+/// malus/synthesize/pairs.h): for comparisons of noise.
+LoadedCapture load_known_light(const RecordedPair& capture, const NoiseModel& model);
 /// R, G, B at the noisy frame's light: the capture's picture, else the clean mosaic demosaicked.
 Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded,
                         const NoiseModel& model);

@@ -124,7 +124,7 @@ std::vector<CameraFrames> frames_of_pairs(const std::vector<RecordedPair>& pairs
   for (const RecordedPair& pair : pairs) {
     const int number = static_cast<int>(frames.size());
     frames.push_back({pair.gain, [pair, &model, seed, number](const StandIn& stand_in) {
-                        const LoadedCapture real = load_capture(pair, model);
+                        const LoadedCapture real = load_known_light(pair, model);
                         const NoiseFrames own{1, [&](int) { return above_black(real.noisy); }};
                         const NoiseFrames drawn{1, [&](int) {
                                                   return stand_in.draw(

@@ -72,6 +72,19 @@ def test_a_flow_has_a_cell_where_it_knows_the_gain(malus, tmp_path, picture):
     assert [row["name"] for row in listed.json["rows"]] == ["physics", "poisson-gaussian", "Noise Flow"]
 
 
+def test_what_a_reference_at_white_does_not_tell_is_no_noise(malus, tmp_path, picture):
+    malus(*simulated(tmp_path, picture, "-q"))
+    short = next((tmp_path / "captures/case0").glob("*_short.tif"))
+    reference = np.load(next((tmp_path / "captures/case0").glob("*_reference.npy")))
+    reference[:60] = 16383 - 800  # the scene is darker there
+    np.save(tmp_path / "clipped.npy", reference)
+    (tmp_path / "list.json").write_text(json.dumps({"pairs": [{"name": "a_00", "short": str(short), "reference": "clipped.npy", "ratio": 4,
+                                                               "gain_db": None, "iso": 1600}]}))
+    told = malus("experiment", "noise", "--model", "nikon-d850", "--pairs", tmp_path / "list.json", "--kinds", "physics", "--seed", 3, "--json")
+    cell = told.json["rows"][0]["gains"][0]
+    assert cell["sqrt_jsd"] < 1.4 * cell["sqrt_jsd_floor"]
+
+
 def test_a_model_that_knows_none_of_the_gains_is_refused(refused, tmp_path, picture):
     run = simulated(tmp_path, picture, "--camera", "nikon-d850")
     run[run.index("--model") + 1] = "imx250myr-simulated"
