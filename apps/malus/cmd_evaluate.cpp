@@ -6,6 +6,7 @@
 #include "malus/evaluate/evaluation.h"
 #include "malus/image/finite_pixels.h"
 #include "malus/image/pack.h"
+#include "malus/io/frame_stack.h"
 #include "malus/io/picture_file.h"
 #include "malus/synthesize/synthesizer.h"
 
@@ -62,7 +63,10 @@ void leave_out_alpha(const fs::path& path, Picture& picture) {
 }
 
 Subject load_subject(const fs::path& path, const RawOptions& raw, const FrameOptions& options) {
-  if (!options.raw_format && has_picture_ending(path)) {
+  // What is a stack of frames is read by their reader, which wants one of them named.
+  const bool as_frame = options.layout || raw.float_black() == FloatBlack::kHolds;
+  const bool stack = as_frame && !options.raw_format && frame_names(path).size() > 1;
+  if (!options.raw_format && has_picture_ending(path) && !stack) {
     Picture picture = load_picture(path);
     if (picture.planes.channels() > 1) {
       leave_out_alpha(path, picture);

@@ -180,6 +180,15 @@ def test_noise_of_stacks_is_compared(malus, refused, frames, tmp_path):
     assert "a.npy[2]: is given twice" in line
 
 
+def test_pictures_of_a_stack_are_compared_one_by_one(malus, refused, frames, tmp_path):
+    np.save(tmp_path / "s.npy", frames["bias"][:5])
+    save_fits(tmp_path / "s.fits", frames["bias"][:5])
+    for stack in (tmp_path / "s.npy", tmp_path / "s.fits"):
+        line = refused("evaluate", "--reference", f"{stack}[0]", "--test", stack, "--layout", "polar-mono")
+        assert f"{stack}: it holds 5 frames; name one of them, from {stack.name}[0] to {stack.name}[4]" in line
+    assert f"{stack.name}[1]" in malus("evaluate", "--reference", f"{stack}[0]", "--test", f"{stack}[1]", "--layout", "polar-mono").out
+
+
 def test_info_tells_how_many_frames_there_are(malus, refused, frames, tmp_path):
     stack = save_stack(tmp_path / "s.tif", frames["bias"])
     run = malus("info", stack, "--json")
