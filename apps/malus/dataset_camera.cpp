@@ -83,7 +83,7 @@ class FlowDataset final : public DatasetCamera {
         dataset_(std::move(dataset)),
         noise_(noise),
         flow_(networks().open_flow(path)) {
-    camera_.sensor = kNoiseFlowCamera;
+    camera_.sensor = flow_->camera_name();
     camera_.layout = SensorLayout::named(flow_->sensor().layout);
     camera_.black_dn = flow_->sensor().black_dn;
     camera_.white_dn = flow_->sensor().white_dn;

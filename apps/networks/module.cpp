@@ -58,6 +58,7 @@ class NoiseFlowSampler final : public FlowSampler {
  public:
   explicit NoiseFlowSampler(const std::filesystem::path& weights) : model_(weights) {}
   const NoiseFlowSensor& sensor() const override { return model_.sensor(); }
+  std::string camera_name() const override { return model_.camera_name(); }
   Image draw(View<const float> clean_dn, const GainSetting& gain,
              const DrawAddress& address) override {
     return guarded([&] { return model_.draw(clean_dn, gain, address); });

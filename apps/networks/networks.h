@@ -62,6 +62,7 @@ class FlowSampler {
  public:
   virtual ~FlowSampler() = default;
   virtual const NoiseFlowSensor& sensor() const = 0;
+  virtual std::string camera_name() const = 0;
   virtual Image draw(View<const float> clean_dn, const GainSetting& gain,
                      const DrawAddress& address) = 0;
   virtual RawFrame draw_raw(View<const float> clean_dn, const GainSetting& gain,

@@ -124,9 +124,10 @@ void refuse_settings_of_parts(const fs::path& path, const CameraNoiseOptions& op
         fmt::format("leave {} out, or name a calibrated model", changed));
 }
 
-NoiseModel flow_camera(const NoiseFlowSensor& sensor) {
+NoiseModel flow_camera(const NoiseFlowModel& flow) {
+  const NoiseFlowSensor& sensor = flow.sensor();
   NoiseModel camera;
-  camera.sensor = kNoiseFlowCamera;
+  camera.sensor = flow.camera_name();
   camera.layout = SensorLayout::named(sensor.layout);
   camera.black_dn = sensor.black_dn;
   camera.white_dn = sensor.white_dn;
@@ -140,7 +141,7 @@ class FlowNoise final : public CameraNoise {
       : path_(path),
         options_(options),
         flow_(path),
-        camera_(flow_camera(flow_.sensor())),
+        camera_(flow_camera(flow_)),
         gains_(flow_.sensor().trained_gains()) {
     require_layout(path, camera_.layout, package);
   }
@@ -184,7 +185,7 @@ std::unique_ptr<const CameraNoise> open_camera(const fs::path& path, const Netwo
 }
 
 NoiseModel camera_of(const fs::path& path) {
-  return names_noise_flow(path) ? flow_camera(NoiseFlowModel(path).sensor()) : load_model(path);
+  return names_noise_flow(path) ? flow_camera(NoiseFlowModel(path)) : load_model(path);
 }
 
 NoiseModel load_camera(const fs::path& path, const NetworkPackage& package,

@@ -71,6 +71,8 @@ class NoiseFlowModel {
   NoiseFlowModel& operator=(NoiseFlowModel&&) noexcept;
 
   const NoiseFlowSensor& sensor() const;
+  /// The name of the camera that it stands for, another one of every flow.
+  std::string camera_name() const;
   SensorLayout layout() const { return SensorLayout::named(sensor().layout); }
   NoiseFlow& network();
   /// What save() was told of the training; null of a model that was not read from a file.
