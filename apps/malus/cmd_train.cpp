@@ -114,16 +114,27 @@ Json record_of(const Json& run) {
   return record;
 }
 
-// Single steps see a few patches: means over the last fifth of the log.
+// Single steps see a few patches: means over a fifth of the log.
+std::string likelihood_text(const Json& log) {
+  const std::size_t count = (log.size() + 4) / 5;
+  double first = 0, last = 0;
+  for (std::size_t i = 0; i < count; ++i) {
+    first += log[i]["log_likelihood"].get<double>();
+    last += log[log.size() - count + i]["log_likelihood"].get<double>();
+  }
+  return fmt::format(
+      "log-likelihood of a noisy pixel {:.4g} nats, at the start {:.4g} (last and first fifth of "
+      "the log)\n",
+      last / static_cast<double>(count), first / static_cast<double>(count));
+}
+
 std::string loss_text(const Json& log) {
   std::vector<std::pair<double, double>> losses;
   for (const Json& line : log)
     if (line.contains("base_loss"))
       losses.emplace_back(line["loss"].get<double>(), line["base_loss"].get<double>());
   if (!log.empty() && log.back().contains("log_likelihood"))  // a noise-flow's
-    return fmt::format("log-likelihood of a noisy pixel {:.4g} nats, at the start {:.4g}\n",
-                       log.back()["log_likelihood"].get<double>(),
-                       log.front()["log_likelihood"].get<double>());
+    return likelihood_text(log);
   if (losses.empty()) return {};
   const std::size_t first = losses.size() - (losses.size() + 4) / 5;
   double loss = 0, base = 0;

@@ -53,6 +53,8 @@ def test_what_came_of_it_is_printed_and_several_processes_are_refused(malus, ref
     assert "log-likelihood of a noisy pixel" in malus(*short).out
     line = refused(*short, "--force", env={**os.environ, "RANK": "0", "WORLD_SIZE": "2"})
     assert "by one process" in line
+    line = refused("train", pairs / "flow.toml", "--set", "sensor.white=500", "-o", pairs / "dark")
+    assert "noisy_0.npy: holds codes up to" in line and "above the white of 500" in line
 
 
 @pytest.fixture
@@ -160,6 +162,9 @@ def test_a_data_set_of_its_noise_trains_a_network(malus, refused, trained):
     config = trained / "network.toml"
     config.write_text(NETWORK.format(data='shards = ["shards/*.tar"]'))
     malus("train", config, "-o", trained / "run")
+    malus("train", trained / "flow.toml", "--set", "train.steps=2", "-o", trained / "other")
+    line = refused("train", config, "-o", trained / "none", "--set", 'noise.models=["other/weights.safetensors"]')
+    assert "shards were drawn from a model of the sensor" in line
     plan.write_text(text + "gains = [24]\n")
     line = refused("dataset", plan, "-o", trained / "none")
     assert "plan.toml:8: gains" in line and "from 12 dB to 12 dB" in line

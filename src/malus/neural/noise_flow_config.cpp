@@ -105,6 +105,7 @@ class PairFrames {
   NoiseFlowPair load(const NoiseFlowFiles& files) {
     RawFrame noisy = load_frame(files.noisy, options_);
     const GainSetting gain = files.gain.decibel() ? files.gain : noisy.gain;
+    require_white(noisy);
     const double step_dn = step_of(noisy.dn);  // black need not be whole
     NoiseFlowPair pair{above_black(std::move(noisy)), clean_of(files), gain, files.noisy.string(),
                        step_dn};
@@ -113,6 +114,15 @@ class PairFrames {
   }
 
  private:
+  void require_white(const RawFrame& noisy) const {
+    if (noisy.bits == 0) return;  // floats of the light, which a simulation may not have clipped
+    const float most = *std::ranges::max_element(noisy.dn.values());
+    if (most <= noisy.white_dn) return;
+    throw InputError(
+        noisy.source,
+        fmt::format("holds codes up to {:g} DN, above the white of {:g}", most, noisy.white_dn),
+        "give the sensor's white");
+  }
   static Image above_black(RawFrame frame) {
     if (frame.bits > 0) subtract_black(frame);
     return std::move(frame.dn);

@@ -48,7 +48,9 @@ std::vector<std::int64_t> places_of_crops(const torch::Tensor& noise, int crop,
   const auto free = inside.eq(0).nonzero();
   if (free.size(0) == 0)
     throw InputError(name,
-                     fmt::format("has no crop of {} pixels of a plane without one at white", crop),
+                     fmt::format("leaves no crop of {} pixels of a plane: everywhere some are at "
+                                 "white, or no numbers, in it or in its clean frame",
+                                 crop),
                      "expose less, give a smaller crop, or leave the pair out");
   const auto starts = (free.select(1, 0) * cols + free.select(1, 1)).contiguous();
   return {starts.data_ptr<std::int64_t>(), starts.data_ptr<std::int64_t>() + starts.numel()};
