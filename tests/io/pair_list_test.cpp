@@ -94,7 +94,9 @@ TEST(PairList, WhatIsNoListIsNamed) {
   };
   EXPECT_THAT([&] { load_pair_list(folder / "none.json"); },
               ThrowsMessage<InputError>(HasSubstr("none.json")));
-  for (const char* text : {"", "[]", R"({"pairs": 3})", R"({"pairs": [{"name": "a"}]})"})
+  EXPECT_THAT(refused(R"({"pairs": [{"name": "a", "short": "b.tif"}]})"),
+              ThrowsMessage<InputError>(HasSubstr(R"(the pair "a" has no "reference")")));
+  for (const char* text : {"", "[]", R"({"pairs": 3})", R"({"pairs": [4]})"})
     EXPECT_THAT(refused(text), ThrowsMessage<InputError>(HasSubstr("no list of pairs"))) << text;
   std::string negative = kEntry;
   negative.replace(negative.find("4"), 1, "-1");

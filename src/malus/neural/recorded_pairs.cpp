@@ -198,7 +198,10 @@ class CapturedPairs final : public PairSource {
         with_picture_(config.package.gives_picture()),
         displayed_(config.package.settings.gives() == NetworkTarget::kSrgb) {
     for (const fs::path& path : config.pairs)
-      for (RecordedPair& pair : load_pair_list(path)) pairs_.push_back(std::move(pair));
+      for (RecordedPair& pair : load_pair_list(path)) {
+        require_known_gains(pair, path);
+        pairs_.push_back(std::move(pair));
+      }
     if (pairs_.empty())
       throw InputError(config.source.string(), "its pairs are none", "make them with malus pairs");
   }
@@ -234,6 +237,16 @@ class CapturedPairs final : public PairSource {
     RawFrame frame = load_frame(path);
     take_layout_of_model(frame, model_.layout);
     return frame;
+  }
+
+  void require_known_gains(const RecordedPair& pair, const fs::path& list) const {
+    for (const GainSetting& gain : {pair.gain, pair.bias_at.value_or(pair.gain)}) try {
+        (void)model_.profile_at(gain, gains_);
+      } catch (const InputError& error) {
+        throw InputError(fmt::format("{}: {} at {}", list.string(), pair.name, gain.text()),
+                         error.problem(),
+                         "give a model that knows this gain, or leave the pair out");
+      }
   }
 
   // The mosaic, and after it the colours of a pair that has them where the network gives a picture,
