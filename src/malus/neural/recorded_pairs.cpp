@@ -197,9 +197,10 @@ class CapturedPairs final : public PairSource {
         windows_(model_, config.data.example),
         with_picture_(config.package.gives_picture()),
         displayed_(config.package.settings.gives() == NetworkTarget::kSrgb) {
+    std::vector<GainSetting> known;
     for (const fs::path& path : config.pairs)
       for (RecordedPair& pair : load_pair_list(path)) {
-        require_known_gains(pair, path);
+        require_known_gains(pair, path, known);
         pairs_.push_back(std::move(pair));
       }
     if (pairs_.empty())
@@ -239,14 +240,20 @@ class CapturedPairs final : public PairSource {
     return frame;
   }
 
-  void require_known_gains(const RecordedPair& pair, const fs::path& list) const {
-    for (const GainSetting& gain : {pair.gain, pair.bias_at.value_or(pair.gain)}) try {
+  // known: those that were asked for before.
+  void require_known_gains(const RecordedPair& pair, const fs::path& list,
+                           std::vector<GainSetting>& known) const {
+    for (const GainSetting& gain : {pair.gain, pair.bias_at.value_or(pair.gain)}) {
+      if (std::ranges::find(known, gain) != known.end()) continue;
+      try {
         (void)model_.profile_at(gain, gains_);
+        known.push_back(gain);
       } catch (const InputError& error) {
         throw InputError(fmt::format("{}: {} at {}", list.string(), pair.name, gain.text()),
                          error.problem(),
                          "give a model that knows this gain, or leave the pair out");
       }
+    }
   }
 
   // The mosaic, and after it the colours of a pair that has them where the network gives a picture,
