@@ -236,6 +236,17 @@ TEST(RecordedPairs, WhiteOfAReferenceIsNotTaught) {
   EXPECT_LT(2 * white.front(), losses_of("grey", 0.5 * white_of_camera()).front());
 }
 
+TEST(RecordedPairs, AGainThatTheModelDoesNotKnowIsToldWithItsPair) {
+  const TemporaryFolder folder;
+  const TrainingConfig config = recorded_list(folder);
+  std::ofstream(folder / "pairs.json")
+      << R"({"pairs": [{"name": "night_00", "short": "short.npy", "reference": "reference.npy",)"
+      << R"( "ratio": 1, "gain_db": 99, "iso": null}]})";
+  const std::string line = problem_of([&] { make_pair_source(config); });
+  EXPECT_NE(line.find("pairs.json: night_00 at 99 dB: "), std::string::npos) << line;
+  EXPECT_EQ(line.find("extrapolate"), std::string::npos) << line;
+}
+
 TEST(RecordedPairs, NeedAModelOfThePackagesLayout) {
   const TemporaryFolder folder;
   RecordedShard shard(folder, 16, 16);
