@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/fingerprint.h"
 #include "malus/base/unfinished_files.h"
 #include "malus/io/shard_read.h"
 
@@ -21,13 +22,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
-
-constexpr std::uint64_t kFnvStart = 0xcbf29ce484222325, kFnvPrime = 0x100000001b3;
-
-std::uint64_t fnv_of(std::string_view bytes, std::uint64_t state) {
-  for (const char c : bytes) state = (state ^ static_cast<unsigned char>(c)) * kFnvPrime;
-  return state;
-}
 
 bool is_shard_name(std::string_view name) {
   constexpr std::string_view kBegin = "shard-", kEnd = ".tar";
@@ -84,20 +78,21 @@ void remove_shard_of_another_set(const fs::path& path, const std::string& set) {
 }  // namespace
 
 std::string fingerprint(std::string_view bytes) {
-  return fmt::format("{:016x}", fnv_of(bytes, kFnvStart));
+  Fingerprint print;
+  print.add(bytes);
+  return print.text();
 }
 
 std::string file_fingerprint(const fs::path& path) {
   std::ifstream file(path, std::ios::binary);
   std::string piece(std::size_t{1} << 20, '\0');
-  std::uint64_t state = kFnvStart;
+  Fingerprint print;
   while (file) {
     file.read(piece.data(), static_cast<std::streamsize>(piece.size()));
-    state =
-        fnv_of(std::string_view(piece).substr(0, static_cast<std::size_t>(file.gcount())), state);
+    print.add(std::string_view(piece).substr(0, static_cast<std::size_t>(file.gcount())));
   }
   if (!file.eof()) throw InputError(path.string(), "cannot be read", "check the name and the disk");
-  return fmt::format("{:016x}", state);
+  return print.text();
 }
 
 void prepare_dataset_folder(const fs::path& folder, const Json& description, bool force) {

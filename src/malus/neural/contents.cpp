@@ -1,6 +1,7 @@
 #include "malus/neural/internal/contents.h"
 
 #include "malus/base/error.h"
+#include "malus/base/fingerprint.h"
 #include "malus/base/unreadable_file.h"
 #include "malus/io/angle_pictures.h"
 #include "malus/io/frame_stack.h"
@@ -22,14 +23,8 @@ constexpr std::uint64_t kEnd = 1 << 16;  // bytes
 
 enum class Extent { kWhole, kEnds };
 
-// FNV-1a, 64 bit: it tells files apart, it keeps nobody from forging them.
-class Hash {
+class Hash : public Fingerprint {
  public:
-  void add(std::string_view bytes) {
-    for (const char byte : bytes)
-      value_ = (value_ ^ static_cast<unsigned char>(byte)) * 0x100000001b3u;
-  }
-
   void add_file(const fs::path& path, Extent extent) {
     std::error_code error;
     const std::uint64_t size = fs::file_size(path, error);
@@ -53,8 +48,6 @@ class Hash {
     if (place.index) add(fmt::format("frame {}", *place.index));
   }
 
-  std::string text() const { return fmt::format("{:016x}", value_); }
-
  private:
   [[noreturn]] static void refuse(const fs::path& path) { throw unreadable_file(path); }
   void add_next(std::ifstream& in, std::uint64_t bytes) {
@@ -64,8 +57,6 @@ class Hash {
       add(part);
     }
   }
-
-  std::uint64_t value_ = 0xcbf29ce484222325u;
 };
 
 void add_model(Hash& hash, const fs::path& path) {

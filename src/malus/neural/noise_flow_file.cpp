@@ -1,6 +1,7 @@
 #include "malus/neural/noise_flow_file.h"
 
 #include "malus/base/error.h"
+#include "malus/base/fingerprint.h"
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
 #include "malus/base/wording.h"
@@ -229,13 +230,12 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
 
 const NoiseFlowSensor& NoiseFlowModel::sensor() const { return state_->sensor; }
 std::string NoiseFlowModel::camera_name() const {
-  std::uint64_t print = 0xcbf29ce484222325U;  // FNV-1a
+  Fingerprint print;
   for (const auto& parameter : state_->network->parameters()) {
     const auto values = parameter.detach().to(torch::kFloat).contiguous();
-    const auto* bytes = reinterpret_cast<const unsigned char*>(values.data_ptr<float>());
-    for (std::size_t i = 0; i < values.nbytes(); ++i) print = (print ^ bytes[i]) * 0x100000001b3U;
+    print.add({reinterpret_cast<const char*>(values.data_ptr<float>()), values.nbytes()});
   }
-  return fmt::format("{} {:016x}", kNoiseFlowCamera, print);
+  return fmt::format("{} {}", kNoiseFlowCamera, print.text());
 }
 NoiseFlow& NoiseFlowModel::network() { return *state_->network; }
 const Json& NoiseFlowModel::training() const { return state_->training; }
