@@ -67,16 +67,6 @@ const RecordedPair* counterpart(const std::vector<RecordedPair>& made,
   return nearest;
 }
 
-// Of these commands none extrapolates a model, as what the model advises may do.
-void require_known_gain(const NoiseModel& model, const GainSetting& gain, const std::string& of) {
-  try {
-    model.profile_at(gain);
-  } catch (const InputError& error) {
-    throw InputError(fmt::format("{} at {}", of, gain.text()), error.problem(),
-                     "give a model that knows this gain, or leave the pair out");
-  }
-}
-
 void require_pair(const RecordedPair& pair, const RawFrame& reference, const RawFrame& noisy,
                   bool of_one_size) {
   if (!of_one_size)
@@ -115,7 +105,9 @@ Image noise_dn(const LoadedCapture& capture) {
 std::vector<RecordedPair> open_pairs(const std::vector<fs::path>& lists, const NoiseModel* model,
                                      const std::vector<GainSetting>& gains) {
   std::vector<RecordedPair> all;
-  std::vector<GainSetting> known;
+  // None of these commands extrapolates a model, as what the model advises may do.
+  std::optional<KnownGains> known;
+  if (model) known.emplace(*model);
   for (const fs::path& list : lists) {
     std::vector<RecordedPair> pairs = load_pair_list(list);
     if (pairs.empty())
@@ -123,11 +115,8 @@ std::vector<RecordedPair> open_pairs(const std::vector<fs::path>& lists, const N
     for (RecordedPair& pair : pairs) {
       if (!gains.empty() && std::ranges::find(gains, pair.gain) == gains.end()) continue;
       check_frames(pair, model);
-      for (const GainSetting& gain : {pair.gain, pair.bias_at.value_or(pair.gain)}) {
-        if (!model || std::ranges::find(known, gain) != known.end()) continue;
-        require_known_gain(*model, gain, fmt::format("{}: {}", list.string(), pair.name));
-        known.push_back(gain);
-      }
+      for (const GainSetting& gain : {pair.gain, pair.bias_at.value_or(pair.gain)})
+        if (known) known->require(gain, fmt::format("{}: {}", list.string(), pair.name));
       all.push_back(std::move(pair));
     }
   }
@@ -202,20 +191,13 @@ RawFrame load_reference(const RecordedPair& capture, const RawFrame& noisy) {
   return reference;
 }
 
-LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model) {
-  LoadedCapture loaded{load_short(capture, &model), {}};
-  loaded.clean_dn = light_of_reference(load_reference(capture, loaded.noisy).dn, capture.ratio,
-                                       &model, capture.bias_at);
-  return loaded;
-}
-
-LoadedCapture load_known_light(const RecordedPair& capture, const NoiseModel& model) {
+LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model,
+                           ReferenceLight light) {
   LoadedCapture loaded{load_short(capture, &model), {}};
   RawFrame reference = load_reference(capture, loaded.noisy);
-  mark_unknown(reference.dn,
-               white_of_reference(reference, loaded.noisy)
-                   .value_or(white_above_black(model.white_dn, model.black_dn)),
-               model.profile_at(capture.gain).defects);
+  if (light == ReferenceLight::kKnown)
+    mark_unknown(reference.dn, white_of_reference(reference, loaded.noisy, model),
+                 model.profile_at(capture.gain).defects);
   loaded.clean_dn =
       light_of_reference(std::move(reference.dn), capture.ratio, &model, capture.bias_at);
   return loaded;
@@ -240,8 +222,8 @@ NoiseDivergence divergence(const std::vector<RecordedPair>& made,
     if (const RecordedPair* pair = counterpart(made, target)) scenes.emplace_back(&target, pair);
   const auto noise_of = [&](int k) {
     const auto [target, pair] = scenes[as_index(k)];
-    return NoiseOfScene{noise_dn(load_known_light(*target, model)),
-                        noise_dn(load_known_light(*pair, model))};
+    return NoiseOfScene{noise_dn(load_capture(*target, model, ReferenceLight::kKnown)),
+                        noise_dn(load_capture(*pair, model, ReferenceLight::kKnown))};
   };
   const int count = static_cast<int>(std::ssize(scenes));
   const auto d = compare_scenes(count, noise_of, NoiseComparisonSettings().bins);

@@ -54,10 +54,11 @@ struct LoadedCapture {
   RawFrame noisy;  ///< as the camera wrote it, black included
   Image clean_dn;  ///< DN above black, at the noisy frame's light
 };
-LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model);
-/// The same with NaN where the reference does not tell the light (mark_unknown,
-/// malus/synthesize/pairs.h): for comparisons of noise.
-LoadedCapture load_known_light(const RecordedPair& capture, const NoiseModel& model);
+/// kKnown: NaN where the reference does not tell the light (mark_unknown,
+/// malus/synthesize/pairs.h), for comparisons of noise.
+enum class ReferenceLight { kAsItIs, kKnown };
+LoadedCapture load_capture(const RecordedPair& capture, const NoiseModel& model,
+                           ReferenceLight light = ReferenceLight::kAsItIs);
 /// R, G, B at the noisy frame's light: the capture's picture, else the clean mosaic demosaicked.
 Planes reference_colors(const RecordedPair& capture, const LoadedCapture& loaded,
                         const NoiseModel& model);

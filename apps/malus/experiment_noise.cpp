@@ -123,17 +123,17 @@ std::vector<CameraFrames> frames_of_pairs(const std::vector<RecordedPair>& pairs
   std::vector<CameraFrames> frames;
   for (const RecordedPair& pair : pairs) {
     const int number = static_cast<int>(frames.size());
-    frames.push_back({pair.gain, [pair, &model, seed, number](const StandIn& stand_in) {
-                        const LoadedCapture real = load_known_light(pair, model);
-                        const NoiseFrames own{1, [&](int) { return above_black(real.noisy); }};
-                        const NoiseFrames drawn{1, [&](int) {
-                                                  return stand_in.draw(
-                                                      real.clean_dn, pair.gain,
-                                                      stand_in_address(seed, number),
-                                                      real.noisy.bits > 0);
-                                                }};
-                        return compare_noise(own, drawn, real.clean_dn, model.layout, {});
-                      }});
+    frames.push_back(
+        {pair.gain, [pair, &model, seed, number](const StandIn& stand_in) {
+           const LoadedCapture real = load_capture(pair, model, ReferenceLight::kKnown);
+           const NoiseFrames own{1, [&](int) { return above_black(real.noisy); }};
+           const NoiseFrames drawn{1, [&](int) {
+                                     return stand_in.draw(real.clean_dn, pair.gain,
+                                                          stand_in_address(seed, number),
+                                                          real.noisy.bits > 0);
+                                   }};
+           return compare_noise(own, drawn, real.clean_dn, model.layout, {});
+         }});
   }
   return frames;
 }

@@ -18,6 +18,11 @@ using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 RecordedPair pair_of(const Json& entry, const fs::path& list) {
+  for (const char* key : {"short", "reference", "ratio"})
+    if (!entry.contains(key))
+      throw InputError(list.string(),
+                       fmt::format("the pair \"{}\" has no \"{}\"", entry.value("name", ""), key),
+                       "make the list with malus pairs");
   const auto file = [&](const char* key) {
     return list.parent_path() / entry.at(key).get<std::string>();
   };
@@ -34,15 +39,6 @@ RecordedPair pair_of(const Json& entry, const fs::path& list) {
   return pair;
 }
 
-RecordedPair checked_pair(const Json& entry, const fs::path& list) {
-  for (const char* key : {"short", "reference", "ratio"})
-    if (!entry.contains(key))
-      throw InputError(list.string(),
-                       fmt::format("the pair \"{}\" has no \"{}\"", entry.value("name", ""), key),
-                       "make the list with malus pairs");
-  return pair_of(entry, list);
-}
-
 }  // namespace
 
 std::string RecordedPair::scene() const { return name.substr(0, name.rfind('_')); }
@@ -53,7 +49,7 @@ std::vector<RecordedPair> load_pair_list(const fs::path& list) {
   try {
     const Json json = Json::parse(in);
     std::vector<RecordedPair> pairs;
-    for (const Json& entry : json.at("pairs")) pairs.push_back(checked_pair(entry, list));
+    for (const Json& entry : json.at("pairs")) pairs.push_back(pair_of(entry, list));
     return pairs;
   } catch (const Json::exception& error) {
     throw InputError(list.string(), fmt::format("is no list of pairs ({})", error.what()),

@@ -197,10 +197,11 @@ class CapturedPairs final : public PairSource {
         windows_(model_, config.data.example),
         with_picture_(config.package.gives_picture()),
         displayed_(config.package.settings.gives() == NetworkTarget::kSrgb) {
-    std::vector<GainSetting> known;
+    KnownGains known(model_, gains_);
     for (const fs::path& path : config.pairs)
       for (RecordedPair& pair : load_pair_list(path)) {
-        require_known_gains(pair, path, known);
+        for (const GainSetting& gain : {pair.gain, pair.bias_at.value_or(pair.gain)})
+          known.require(gain, fmt::format("{}: {}", path.string(), pair.name));
         pairs_.push_back(std::move(pair));
       }
     if (pairs_.empty())
@@ -240,30 +241,12 @@ class CapturedPairs final : public PairSource {
     return frame;
   }
 
-  // known: those that were asked for before.
-  void require_known_gains(const RecordedPair& pair, const fs::path& list,
-                           std::vector<GainSetting>& known) const {
-    for (const GainSetting& gain : {pair.gain, pair.bias_at.value_or(pair.gain)}) {
-      if (std::ranges::find(known, gain) != known.end()) continue;
-      try {
-        (void)model_.profile_at(gain, gains_);
-        known.push_back(gain);
-      } catch (const InputError& error) {
-        throw InputError(fmt::format("{}: {} at {}", list.string(), pair.name, gain.text()),
-                         error.problem(),
-                         "give a model that knows this gain, or leave the pair out");
-      }
-    }
-  }
-
   // The mosaic, and after it the colours of a pair that has them where the network gives a picture,
   // at the noisy frame's light. What they do not tell of it is NaN.
   std::vector<Image> clean_planes(const RecordedPair& recorded, const RawFrame& noisy) const {
     RawFrame reference = load_of_sensor(recorded.reference);
-    const double white_dn =
-        displayed_ ? std::numeric_limits<double>::infinity()
-                   : white_of_reference(reference, noisy)
-                         .value_or(white_above_black(model_.white_dn, model_.black_dn));
+    const double white_dn = displayed_ ? std::numeric_limits<double>::infinity()
+                                       : white_of_reference(reference, noisy, model_);
     const DefectList defects =
         model_.defects.empty() ? DefectList{} : model_.profile_at(recorded.gain, gains_).defects;
     const auto checked = [&](Image plane, const fs::path& file) {

@@ -101,6 +101,12 @@ std::optional<double> white_of_reference(const RawFrame& reference, const RawFra
   return std::nullopt;
 }
 
+double white_of_reference(const RawFrame& reference, const RawFrame& short_frame,
+                          const NoiseModel& model) {
+  return white_of_reference(reference, short_frame)
+      .value_or(white_above_black(model.white_dn, model.black_dn));
+}
+
 std::int64_t mark_unknown(Image& reference_dn, double white_dn, const DefectList& defects) {
   constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
   if (defects.rows == reference_dn.rows() && defects.cols == reference_dn.cols())
@@ -113,6 +119,17 @@ std::int64_t mark_unknown(Image& reference_dn, double white_dn, const DefectList
     unknown += !std::isfinite(v);
   }
   return unknown;
+}
+
+void KnownGains::require(const GainSetting& gain, const std::string& of) {
+  if (std::ranges::find(known_, gain) != known_.end()) return;
+  try {
+    (void)model_.profile_at(gain, range_);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{} at {}", of, gain.text()), error.problem(),
+                     "give a model that knows this gain, or leave the pair out");
+  }
+  known_.push_back(gain);
 }
 
 Image light_of_reference(Image reference_dn, double ratio, const NoiseModel* model,

@@ -43,6 +43,9 @@ double clipped_share(View<const float> reference_dn, double white_dn);
 /// White above black of a reference at its own light, as its file tells it, else that of its short
 /// frame, which is of the same camera; nothing where neither does.
 std::optional<double> white_of_reference(const RawFrame& reference, const RawFrame& short_frame);
+/// Else that of the camera's model.
+double white_of_reference(const RawFrame& reference, const RawFrame& short_frame,
+                          const NoiseModel& model);
 
 /// Makes those pixels of a reference NaN that do not tell the light of its scene: the ones that
 /// clipped_share counts, and defects where their list is of a sensor of this size. Returns how many
@@ -56,6 +59,20 @@ std::int64_t mark_unknown(Image& reference_dn, double white_dn, const DefectList
 Image light_of_reference(Image reference_dn, double ratio, const NoiseModel* model = nullptr,
                          const std::optional<GainSetting>& bias_at = std::nullopt,
                          GainRange range = GainRange::kCalibratedOnly);
+
+/// Asks a model for the gains of pairs, each of them once.
+class KnownGains {
+ public:
+  explicit KnownGains(const NoiseModel& model, GainRange range = GainRange::kCalibratedOnly)
+      : model_(model), range_(range) {}
+  /// Throws InputError, with what the gain is of, where the model does not know it.
+  void require(const GainSetting& gain, const std::string& of);
+
+ private:
+  const NoiseModel& model_;
+  GainRange range_;
+  std::vector<GainSetting> known_;
+};
 
 /// How much more DN a camera makes of the same light at one gain than at another, by the K of a
 /// model's profiles (means over the channels), which knows of conversion gains and of ISO. Nothing
