@@ -83,25 +83,16 @@ class HybridBlockImpl : public Module {
       x = forward(x).contiguous();
       return;
     }
-    const Packed& packed = packed_.of(*this, [&] {
-      return Packed{sw_ma_->packed(norm1_), w_msta_->packed(norm2_), mlp_->packed(norm3_),
-                    mlp_->packed_project()};
+    const internal::WindowBlock& packed = packed_.of(*this, [&] {
+      return internal::WindowBlock{sw_ma_->packed(norm1_), w_msta_->packed(norm2_),
+                                   mlp_->packed(norm3_), mlp_->packed_project()};
     });
-    internal::attend_in_windows(x, window_, shift_, packed.pixels, &packed.channels);
-    spare = internal::strip_feed_forward(x, packed.wide, internal::StripActivation::kGelu,
-                                         packed.project, spare);
-    std::swap(x, spare);
+    internal::filter_in_windows(packed, window_, shift_, x, spare);
   }
 
  private:
-  struct Packed {
-    internal::PixelAttention pixels;
-    internal::ChannelAttention channels;
-    internal::StripLayer wide;
-    internal::PackedLinear project;
-  };
   std::int64_t heads_, window_, shift_;
-  internal::Cached<Packed> packed_;
+  internal::Cached<internal::WindowBlock> packed_;
   LayerNorm norm1_{nullptr}, norm2_{nullptr}, norm3_{nullptr};
   WindowAttention sw_ma_{nullptr};
   ShuffledTransposedAttention w_msta_{nullptr};

@@ -69,18 +69,24 @@ HWY_INLINE __m512 fold_lanes(const float* vectors) {
   return fold_halves<Fold>(eight[0], eight[1]);
 }
 
-// What pixels need: rounded queries, keys and values of a head; two strips of 16 rows each of
-// scores, rounded weights and sums, and what their sums are multiplied by.
-struct PixelMemory {
+// Sizes of a head, and of whole steps.
+struct HeadSizes {
   std::ptrdiff_t pixels, whole_pixels, width, whole_width;
-  Bfloat16 *queries, *keys, *values, *weights;
-  float *scores, *sums, *factors;
 
-  explicit PixelMemory(const WindowHeads& w)
+  explicit HeadSizes(const WindowHeads& w)
       : pixels(w.pixels),
         whole_pixels(whole_steps(w.pixels)),
         width(w.width),
-        whole_width(whole_steps(w.width)) {
+        whole_width(whole_steps(w.width)) {}
+};
+
+// What pixels need: rounded queries, keys and values of a head; two strips of 16 rows each of
+// scores, rounded weights and sums, and what their sums are multiplied by.
+struct PixelMemory : HeadSizes {
+  Bfloat16 *queries, *keys, *values, *weights;
+  float *scores, *sums, *factors;
+
+  explicit PixelMemory(const WindowHeads& w) : HeadSizes(w) {
     scores = w.memory;
     sums = scores + 2 * kTileRows * pixels;
     factors = sums + 2 * kTileRows * width;
@@ -186,16 +192,11 @@ void attend_pixels_of_head(const WindowHeads& w, const PixelMemory& m, std::ptrd
 
 // What channels need, of a head: keys as the rows of a and queries as the columns of b, whose inner
 // dimension is the pixels; values; scores and weights [width, width], columns of a query each.
-struct ChannelMemory {
-  std::ptrdiff_t pixels, whole_pixels, width, whole_width;
+struct ChannelMemory : HeadSizes {
   Bfloat16 *keys, *queries, *values, *weights;
   float *scores, *query_squares, *key_squares;
 
-  explicit ChannelMemory(const WindowHeads& w)
-      : pixels(w.pixels),
-        whole_pixels(whole_steps(w.pixels)),
-        width(w.width),
-        whole_width(whole_steps(w.width)) {
+  explicit ChannelMemory(const WindowHeads& w) : HeadSizes(w) {
     scores = w.memory;
     query_squares = scores + width * width;
     key_squares = query_squares + width;

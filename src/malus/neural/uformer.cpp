@@ -39,25 +39,18 @@ class LeWinBlockImpl : public Module {
       x = forward(x).contiguous();
       return;
     }
-    const Packed& packed = packed_.of(*this, [&] {
-      Packed made{attn_->packed(norm1_), mlp_->packed(norm2_), mlp_->packed_project()};
-      if (!modulator_.is_empty()) made.attention.modulator = modulator_->weight.detach();
+    const internal::WindowBlock& packed = packed_.of(*this, [&] {
+      internal::WindowBlock made{
+          attn_->packed(norm1_), {}, mlp_->packed(norm2_), mlp_->packed_project()};
+      if (!modulator_.is_empty()) made.pixels.modulator = modulator_->weight.detach();
       return made;
     });
-    internal::attend_in_windows(x, window_, shift_, packed.attention, nullptr);
-    spare = internal::strip_feed_forward(x, packed.wide, internal::StripActivation::kGelu,
-                                         packed.project, spare);
-    std::swap(x, spare);
+    internal::filter_in_windows(packed, window_, shift_, x, spare);
   }
 
  private:
-  struct Packed {
-    internal::PixelAttention attention;
-    internal::StripLayer wide;
-    internal::PackedLinear project;
-  };
   std::int64_t heads_, window_, shift_;
-  internal::Cached<Packed> packed_;
+  internal::Cached<internal::WindowBlock> packed_;
   Embedding modulator_{nullptr};
   LayerNorm norm1_{nullptr}, norm2_{nullptr};
   WindowAttention attn_{nullptr};

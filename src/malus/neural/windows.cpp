@@ -162,4 +162,11 @@ void attend_in_windows(const torch::Tensor& x, std::ptrdiff_t window, std::ptrdi
   });
 }
 
+void filter_in_windows(const WindowBlock& block, std::ptrdiff_t window, std::ptrdiff_t shift,
+                       torch::Tensor& x, torch::Tensor& spare) {
+  attend_in_windows(x, window, shift, block.pixels, block.channels ? &*block.channels : nullptr);
+  spare = strip_feed_forward(x, block.wide, StripActivation::kGelu, block.project, spare);
+  std::swap(x, spare);
+}
+
 }  // namespace malus::internal

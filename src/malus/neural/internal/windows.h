@@ -3,6 +3,9 @@
 #pragma once
 
 #include "malus/neural/internal/packed.h"
+#include "malus/neural/internal/strips.h"
+
+#include <optional>
 
 namespace malus::internal {
 
@@ -32,5 +35,18 @@ bool windows_apply(std::ptrdiff_t channels, std::ptrdiff_t heads, std::ptrdiff_t
 /// x: [batch, rows, cols, channels], contiguous, rows and cols in multiples of window.
 void attend_in_windows(const torch::Tensor& x, std::ptrdiff_t window, std::ptrdiff_t shift,
                        const PixelAttention& pixels, const ChannelAttention* channels);
+
+/// A transformer's block: attention in windows, and what follows it in strips.
+struct WindowBlock {
+  PixelAttention pixels;
+  std::optional<ChannelAttention> channels;
+  StripLayer wide;
+  PackedLinear project;
+};
+
+/// x as above -> the block's result, in place. spare: a tensor of x's size or undefined, which is
+/// overwritten.
+void filter_in_windows(const WindowBlock& block, std::ptrdiff_t window, std::ptrdiff_t shift,
+                       torch::Tensor& x, torch::Tensor& spare);
 
 }  // namespace malus::internal
