@@ -62,10 +62,9 @@ struct TileBuffers {
 /// places that it reaches come in at the bottom and, when no later one reaches them, go back to the
 /// picture.
 void filter_channel(const PaddedPlane& noisy, const PaddedPlane* pilot, const GroupFilter& filter,
-                    const Bm3dStage& stage, const Tile& tile, std::span<const BlockGroup> groups,
+                    const TileRegion& region, std::span<const BlockGroup> groups,
                     TileBuffers& buffers, Accumulator& sum) {
   const auto transform = filter.transform();
-  const TileRegion region = region_of(tile, stage, noisy);
   const bool states_error = !sum.passed_noise.empty();
   const FilterTarget target{buffers.noisy.data(), pilot ? buffers.pilot.data() : nullptr,
                             buffers.residual.data(), buffers.weight.data(),
@@ -76,14 +75,14 @@ void filter_channel(const PaddedPlane& noisy, const PaddedPlane* pilot, const Gr
     if (states_error) move_places(region, rows, target.passed_noise, sum.passed_noise);
   };
   PlaceRows held{};
-  for (int r = 0; r < tile.ref_rows; ++r) {
-    const PlaceRows reached = rows_reached(tile, stage, region, r);
+  for (int r = 0; r < region.tile.ref_rows; ++r) {
+    const PlaceRows reached = rows_reached(region, r);
     move_back({held.begin, reached.begin});
     const PlaceRows new_rows{held.end, reached.end};
     transform_columns(transform, noisy, region, new_rows, buffers.noisy.data());
     if (pilot) transform_columns(transform, *pilot, region, new_rows, buffers.pilot.data());
     held = reached;
-    const auto refs = static_cast<std::size_t>(tile.ref_cols);
+    const auto refs = static_cast<std::size_t>(region.tile.ref_cols);
     filter.run(groups.subspan(static_cast<std::size_t>(r) * refs, refs), target);
   }
   move_back(held);
@@ -107,7 +106,7 @@ void filter_tile(const Work& work, const std::vector<PaddedPlane>& match_source,
   thread_local TileBuffers buffers;
   buffers.reserve_for(region.places());
   for (std::size_t c = 0; c < work.channels.size(); ++c)
-    filter_channel(work.noisy[c], pilot ? &(*pilot)[c] : nullptr, filters[c], stage, tile, groups,
+    filter_channel(work.noisy[c], pilot ? &(*pilot)[c] : nullptr, filters[c], region, groups,
                    buffers, sums[c]);
 }
 

@@ -168,7 +168,7 @@ TileRegion region_of(const Tile& tile, const Bm3dStage& stage, const PaddedPlane
     const int lattice = lattice_size(padded - 2 * plane.pad, stage.step);
     return std::min(ref + (refs - 1) * stage.step + stage.range, (lattice - 1) * stage.step);
   };
-  TileRegion region{};
+  TileRegion region{tile, stage.step, stage.range, 0, 0, 0, 0, 0, 0};
   region.row = plane.pad + first(tile.row);
   region.col = plane.pad + first(tile.col);
   region.rows = last(tile.row, tile.ref_rows, plane.data.rows()) - first(tile.row) + 1;
@@ -178,10 +178,10 @@ TileRegion region_of(const Tile& tile, const Bm3dStage& stage, const PaddedPlane
   return region;
 }
 
-PlaceRows rows_reached(const Tile& tile, const Bm3dStage& stage, const TileRegion& region,
-                       int ref_row) {
-  const int row = std::min(tile.row, stage.range) + ref_row * stage.step;  // of the reference block
-  return {std::max(row - stage.range, 0), std::min(row + stage.range + 1, region.rows)};
+PlaceRows rows_reached(const TileRegion& region, int ref_row) {
+  const int row =  // of the reference block
+      std::min(region.tile.row, region.range) + ref_row * region.step;
+  return {std::max(row - region.range, 0), std::min(row + region.range + 1, region.rows)};
 }
 
 void transform_columns(BlockTransform transform, const PaddedPlane& plane, const TileRegion& region,

@@ -53,11 +53,13 @@ struct Tile {
 /// The places where the blocks of a tile's groups may begin, and the columns of those blocks. What
 /// is stored by place holds the rows that one row of reference blocks reaches, in a ring.
 struct TileRegion {
-  int row, col;  ///< the first place, in the padded picture
-  int rows;      ///< of places
-  int cols;      ///< of pixels
-  int stride;    ///< cols, rounded up to whole vectors
-  int ring;      ///< rows that are stored
+  Tile tile;
+  int step, range;  ///< of the stage
+  int row, col;     ///< the first place, in the padded picture
+  int rows;         ///< of places
+  int cols;         ///< of pixels
+  int stride;       ///< cols, rounded up to whole vectors
+  int ring;         ///< rows that are stored
   std::int32_t place(int r, int c) const { return r % ring * stride + c; }
   std::size_t places() const {
     return static_cast<std::size_t>(ring) * static_cast<std::size_t>(stride);
@@ -70,8 +72,7 @@ struct PlaceRows {
   int begin, end;
 };
 /// Those that the groups of one of the tile's rows of reference blocks reach.
-PlaceRows rows_reached(const Tile& tile, const Bm3dStage& stage, const TileRegion& region,
-                       int ref_row);
+PlaceRows rows_reached(const TileRegion& region, int ref_row);
 
 /// The places of a group's blocks, best first, as numbered by the tile's region; the first is the
 /// reference block itself.
