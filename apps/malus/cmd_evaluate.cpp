@@ -65,7 +65,8 @@ void leave_out_alpha(const fs::path& path, Picture& picture) {
 Subject load_subject(const fs::path& path, const RawOptions& raw, const FrameOptions& options) {
   // What is a stack of frames is read by their reader, which wants one of them named.
   const bool as_frame = options.layout || raw.float_black() == FloatBlack::kHolds;
-  const bool stack = as_frame && !options.raw_format && frame_names(path).size() > 1;
+  const bool stack = as_frame && !options.raw_format && !frame_place(path).index &&
+                     count_frames(frame_place(path).file) > 1;
   if (!options.raw_format && has_picture_ending(path) && !stack) {
     Picture picture = load_picture(path);
     if (picture.planes.channels() > 1) {

@@ -114,37 +114,31 @@ Json record_of(const Json& run) {
   return record;
 }
 
-// Single steps see a few patches: means over a fifth of the log.
-std::string likelihood_text(const Json& log) {
-  const std::size_t count = (log.size() + 4) / 5;
-  double first = 0, last = 0;
-  for (std::size_t i = 0; i < count; ++i) {
-    first += log[i]["log_likelihood"].get<double>();
-    last += log[log.size() - count + i]["log_likelihood"].get<double>();
-  }
-  return fmt::format(
-      "log-likelihood of a noisy pixel {:.4g} nats, at the start {:.4g} (last and first fifth of "
-      "the log)\n",
-      last / static_cast<double>(count), first / static_cast<double>(count));
+// Single steps see a few patches: the mean over the first or last fifth of some lines of the log.
+enum class Fifth { kFirst, kLast };
+
+double mean_of_fifth(const Json& lines, const char* key, Fifth fifth) {
+  const std::size_t count = (lines.size() + 4) / 5;
+  const std::size_t begin = fifth == Fifth::kFirst ? 0 : lines.size() - count;
+  double sum = 0;
+  for (std::size_t i = begin; i < begin + count; ++i) sum += lines[i][key].get<double>();
+  return sum / static_cast<double>(count);
 }
 
 std::string loss_text(const Json& log) {
-  std::vector<std::pair<double, double>> losses;
-  for (const Json& line : log)
-    if (line.contains("base_loss"))
-      losses.emplace_back(line["loss"].get<double>(), line["base_loss"].get<double>());
   if (!log.empty() && log.back().contains("log_likelihood"))  // a noise-flow's
-    return likelihood_text(log);
-  if (losses.empty()) return {};
-  const std::size_t first = losses.size() - (losses.size() + 4) / 5;
-  double loss = 0, base = 0;
-  for (std::size_t i = first; i < losses.size(); ++i) {
-    loss += losses[i].first;
-    base += losses[i].second;
-  }
-  const auto count = static_cast<double>(losses.size() - first);
+    return fmt::format(
+        "log-likelihood of a noisy pixel {:.4g} nats, at the start {:.4g} (last and first fifth of "
+        "the log)\n",
+        mean_of_fifth(log, "log_likelihood", Fifth::kLast),
+        mean_of_fifth(log, "log_likelihood", Fifth::kFirst));
+  Json measured = Json::array();
+  for (const Json& line : log)
+    if (line.contains("base_loss")) measured.push_back(line);
+  if (measured.empty()) return {};
   return fmt::format("loss {:.4g}, that of the input {:.4g} (last fifth of the log)\n",
-                     loss / count, base / count);
+                     mean_of_fifth(measured, "loss", Fifth::kLast),
+                     mean_of_fifth(measured, "base_loss", Fifth::kLast));
 }
 
 void run_train(const TrainArguments& arguments, const Common& common) {
