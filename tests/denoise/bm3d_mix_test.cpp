@@ -58,9 +58,9 @@ Image sum_of(const Image& a, const Image& b) {
 struct Case {
   Image clean, noisy, estimate, cell_error;
   Image mixed(const internal::Bm3dMix& mix) const {
-    Image result = estimate;
+    Image result = estimate, error = cell_error;
     internal::mix_bm3d(
-        mix, [&](int r, int c) { return noisy(r, c); }, cell_error, result, silent_progress());
+        mix, [&](int r, int c) { return noisy(r, c); }, error, result, silent_progress());
     return result;
   }
 };

@@ -141,7 +141,7 @@ TEST_P(MosaicMethod, TilesEqualTheWhole) {
   DenoiseSettings settings{.method = GetParam(), .profile = "fast"};
   const Denoised whole = denoise_frame(frame, profile_of(noise), settings);
   ASSERT_EQ(whole.tiles, 1);
-  leave_memory(39, settings);
+  leave_memory(40, settings);
   const Denoised tiled = denoise_frame(frame, profile_of(noise), settings);
   EXPECT_GT(tiled.tiles, 1);
   double largest = 0;

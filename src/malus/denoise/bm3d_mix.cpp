@@ -25,6 +25,7 @@ constexpr float kPriorShare = 0.5f, kPriorErrors = 1.0f;
 // Of smooth light, where BM3D's error is stated this many times as large, nothing is taken: its
 // matching follows the noise, and Stein's estimate does not see that.
 constexpr float kMostRatio = 1.25f;
+constexpr float kLeastLeft = 0.3f;  // of the error by a mix
 // What BM3D holds per pixel: samples, result, its error, padded samples and pilot, three sums.
 constexpr double kBytesPerPixel = 36;
 
@@ -56,12 +57,13 @@ float share_of(float gain, float energy, float error, float plain_error) {
 
 class Mixing {
  public:
-  Mixing(const Bm3dMix& mix, const PixelSource& pixel, const Image& cell_error, Image& estimate,
+  Mixing(const Bm3dMix& mix, const PixelSource& pixel, Image& cell_error, Image& estimate,
          Progress& progress)
       : mix_(mix),
         reach_(malus::bm3d_reach({.profile = mix.profile})),
         pixel_(pixel),
         cell_error_(cell_error),
+        mixed_error_(cell_error),
         estimate_(estimate),
         progress_(progress) {}
 
@@ -79,6 +81,7 @@ class Mixing {
       for (int k = 0; k < part_count(estimate_.cols(), mix_.part_cols); ++k)
         mix_part(down, MixSpan(k, mix_.part_cols, estimate_.cols(), reach_), before);
     }
+    cell_error_ = std::move(mixed_error_);
   }
 
  private:
@@ -101,9 +104,10 @@ class Mixing {
       return planes[0].view().window(row0, col0, rows, cols);
     };
     const View<const float> own = before.view().window(0, across.context_begin, rows, cols);
-    const Image share =
-        shares(part_of(samples), own, part_of(plain), part_of(error), error_around(down, across));
-    take(share, down, across, own, part_of(plain));
+    const MixShares shares = find_shares(part_of(samples), own, part_of(plain), part_of(error),
+                                         error_around(down, across));
+    take(shares.share, down, across, own, part_of(plain));
+    state_error(shares.left, down, across);
   }
 
   // The estimate's error around the cells of a context.
@@ -116,10 +120,15 @@ class Mixing {
     return gaussian_means(error, kMixDeviation, kMixRadius);
   }
 
-  // Of BM3D's estimate, one value per cell. own_error: error_around; plain_error: of BM3D's pixels.
-  static Image shares(const View<const float>& samples, const View<const float>& own,
-                      const View<const float>& plain, const View<const float>& plain_error,
-                      const Image& own_error) {
+  // One value per cell.
+  struct MixShares {
+    Image share;  // of BM3D's estimate
+    Image left;   // by the mix of the estimate's error
+  };
+  // own_error: error_around; plain_error: of BM3D's pixels.
+  static MixShares find_shares(const View<const float>& samples, const View<const float>& own,
+                               const View<const float>& plain, const View<const float>& plain_error,
+                               const Image& own_error) {
     const auto means = [&](const auto& value) {
       Image map(own_error.rows(), own_error.cols());
       parallel_for(0, map.rows(), 8, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
@@ -133,12 +142,23 @@ class Mixing {
     Image share = means([&](int r, int c) { return (samples(r, c) - own(r, c)) * change(r, c); });
     const Image energy = means([&](int r, int c) { return change(r, c) * change(r, c); });
     const Image error = means([&](int r, int c) { return plain_error(r, c); });
+    Image left(share.rows(), share.cols());
     for (int i = 0; i < share.rows(); ++i)
       for (int k = 0; k < share.cols(); ++k) {
         const float gain = share(i, k) - (error(i, k) - kOwnOfStated * own_error(i, k));
-        share(i, k) = share_of(gain, energy(i, k), own_error(i, k), error(i, k));
+        const float taken = share_of(gain, energy(i, k), own_error(i, k), error(i, k));
+        const float gained = taken * (2 * gain - taken * energy(i, k));
+        share(i, k) = taken;
+        left(i, k) = std::clamp(1 - gained / std::max(own_error(i, k), 1e-9f), kLeastLeft, 1.0f);
       }
-    return share;
+    return {std::move(share), std::move(left)};
+  }
+
+  void state_error(const Image& left, const MixSpan& down, const MixSpan& across) {
+    const int row0 = down.context_begin / kCell, col0 = across.context_begin / kCell;
+    for (int i = down.begin / kCell; i < cell_count(down.end); ++i)
+      for (int k = across.begin / kCell; k < cell_count(across.end); ++k)
+        mixed_error_(i, k) *= left(i - row0, k - col0);
   }
 
   void take(const Image& share, const MixSpan& down, const MixSpan& across,
@@ -155,7 +175,8 @@ class Mixing {
   const Bm3dMix& mix_;
   Bm3dReach reach_;
   const PixelSource& pixel_;
-  const Image& cell_error_;
+  Image& cell_error_;
+  Image mixed_error_;
   Image& estimate_;
   Progress& progress_;
 };
@@ -184,8 +205,8 @@ Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, const Memo
   return {profile, side, side};
 }
 
-void mix_bm3d(const Bm3dMix& mix, const PixelSource& pixel, const Image& cell_error,
-              Image& estimate, Progress& progress) {
+void mix_bm3d(const Bm3dMix& mix, const PixelSource& pixel, Image& cell_error, Image& estimate,
+              Progress& progress) {
   Mixing(mix, pixel, cell_error, estimate, progress).run();
 }
 

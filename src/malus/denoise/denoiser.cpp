@@ -43,17 +43,39 @@ std::vector<float> uncut_samples(const std::vector<Stabilizer>& stabilizers,
   return uncut;
 }
 
+// Mean square of what rounding changes and no averaging finds, where a channel has this variance.
+double undithered(const NoiseProfile& profile, double variance_dn2) {
+  const double rounding = profile.step_dn * profile.step_dn / 12;
+  return undithered_variance(profile.step_dn, std::max(variance_dn2 - rounding, 0.0));
+}
+
+// Where that is this share of the variance, a step hides so much of the noise that residuals tell
+// nothing.
+constexpr double kMostUndithered = 0.01;
+
+bool hides_noise(const NoiseProfile& profile, const ChannelProfile& channel, double dn) {
+  const double variance_dn2 = channel.variance(dn);
+  return undithered(profile, variance_dn2) > kMostUndithered * variance_dn2;
+}
+
 // A lower bound of the noise variance of stabilised samples, never above what the filter was told.
 // In the dark the law itself has less than this bound, and texture is lost in noise.
 internal::SampleNoise sure_noise(const std::vector<Stabilizer>& stabilizers,
                                  const std::vector<float>& uncut, const PreparedFrame& frame,
                                  const NoiseProfile& profile, const Denoised& result) {
   std::vector<StabilizedVariance> variances;
-  for (std::size_t k = 0; k < stabilizers.size(); ++k)
+  std::vector<bool> may_hide;  // some of its light
+  for (std::size_t k = 0; k < stabilizers.size(); ++k) {
     variances.emplace_back(stabilizers[k], frame.highest_dn, profile.channels[k].distribution());
+    may_hide.push_back(hides_noise(profile, profile.channels[k], 0));
+  }
   const bool own = profile.estimated_from_picture;
   const double share = own ? 1 : sure_noise_share(result.noise), most = own ? kSureNoise : 1;
-  return {uncut, [variances = std::move(variances), share, most](std::size_t channel, float mean) {
+  return {uncut, [&stabilizers, &profile, variances = std::move(variances),
+                  may_hide = std::move(may_hide), share, most](std::size_t channel, float mean) {
+            if (may_hide[channel] &&
+                hides_noise(profile, profile.channels[channel], stabilizers[channel].inverse(mean)))
+              return 0.0f;
             return static_cast<float>(std::min(share * variances[channel].at(mean), most));
           }};
 }
@@ -86,8 +108,7 @@ void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& fra
 void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, double strength,
                        Denoised& result) {
   Image& variance_dn2 = *result.variance_dn2;
-  const double left = std::max(1 - strength * strength, 0.0),
-               rounding = profile.step_dn * profile.step_dn / 12;
+  const double left = std::max(1 - strength * strength, 0.0);
   parallel_for(0, frame.dn.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row) {
       const double rows = frame.row_variance[static_cast<std::size_t>(row / profile.row_group)];
@@ -98,8 +119,7 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
         const double columns = frame.column_variance[static_cast<std::size_t>(col)];
         double unseen = rows * channel.sigma_row_dn * channel.sigma_row_dn +
                         columns * channel.sigma_column_dn * channel.sigma_column_dn +
-                        left * variance +
-                        undithered_variance(profile.step_dn, std::max(variance - rounding, 0.0));
+                        left * variance + undithered(profile, variance);
         // How much brighter than white a saturated pixel is, nobody knows.
         if (frame.saturated(row, col)) unseen = std::numeric_limits<double>::quiet_NaN();
         variance_dn2(row, col) += static_cast<float>(unseen);
@@ -111,20 +131,15 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
 }
 
 internal::FrameTiles filter_stabilised(const FrameSource& frame, const DenoiseSettings& settings,
-                                       const internal::MemoryBudget& memory,
-                                       const internal::FrameEstimate& estimate,
-                                       Progress& progress) {
+                                       const internal::MemoryBudget& memory, Image& estimate,
+                                       const internal::FrameReport& report, Progress& progress) {
   std::optional<internal::Bm3dMix> mix;
-  Image cell_error;
-  if (estimate.is_mix) {
+  if (internal::mixes_bm3d(settings.method, settings.profile, frame.layout))
     mix = internal::plan_bm3d_mix(settings.profile, frame.rows, frame.cols, memory);
-    cell_error = Image(internal::cell_count(frame.rows), internal::cell_count(frame.cols));
-  }
   const internal::FrameTiles tiles = internal::filter_frame(
-      frame, mosaic_filter_plan(settings.method, settings.profile, frame.layout), memory,
-      estimate.pixels, {.error = estimate.error, .cell_error = mix ? &cell_error : nullptr},
-      progress);
-  if (mix) internal::mix_bm3d(*mix, frame.pixel, cell_error, estimate.pixels, progress);
+      frame, mosaic_filter_plan(settings.method, settings.profile, frame.layout), memory, estimate,
+      report, progress);
+  if (mix) internal::mix_bm3d(*mix, frame.pixel, *report.cell_error, estimate, progress);
   return tiles;
 }
 
@@ -144,11 +159,10 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   const int frames = (error ? 3 : 2) + (profile.pattern ? 2 : 0);
   const internal::MemoryBudget memory{
       settings.memory_mib, frames * static_cast<double>(frame.dn.size()) + settings.held_values};
-  const internal::FrameEstimate estimate{
-      result.dn_above_black, error,
-      internal::mixes_bm3d(settings.method, settings.profile, frame.layout)};
+  Image cell_error(internal::cell_count(frame.dn.rows()), internal::cell_count(frame.dn.cols()));
   const internal::FrameTiles tiles =
-      filter_stabilised(stabilised, settings, memory, estimate, progress);
+      filter_stabilised(stabilised, settings, memory, result.dn_above_black,
+                        {.error = error, .cell_error = &cell_error}, progress);
   result.tiles = tiles.count;
   result.tile_work = tiles.work;
   result.whole_frame_mib = tiles.whole_mib;
@@ -156,7 +170,7 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   if (settings.like_pixels)
     internal::average_alike_pixels(stabilised,
                                    sure_noise(stabilizers, uncut, frame, profile, result), memory,
-                                   estimate, progress);
+                                   {result.dn_above_black, cell_error, error}, progress);
   if (error) internal::add_missed_signal(stabilised, uncut, result.dn_above_black, *error);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);

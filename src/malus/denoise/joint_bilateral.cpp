@@ -9,35 +9,42 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <span>
 #include <vector>
 
 namespace malus::internal {
 namespace {
 
 // All measured (docs/denoising-experiments.md, "Pixels that are alike").
-// The first round looks near and tells where there is something to gain; there the second looks
-// further, with what the first has made for its guide.
+// The first round looks near and tells where there is something to gain; there every other looks
+// further, with what the one before has made for its guide. Polarization changes slowly beside
+// print of one brightness, so sensors of it do not look furthest.
 struct BilateralRound {
   int reach;  // steps of the layout
   float cut;  // in deviations of the guide's error
 };
-constexpr BilateralRound kBilateralRounds[] = {{4, 6.0f}, {8, 7.5f}};
+constexpr BilateralRound kBilateralRounds[] = {{4, 6.0f}, {8, 7.5f}, {16, 7.5f}};
+std::span<const BilateralRound> rounds_for(const SensorLayout& layout) {
+  return std::span(kBilateralRounds).first(layout.polarized() ? 2 : 3);
+}
 constexpr float kLeastDeviation = 0.3f;  // of the guide's error
-// Of neighbourhoods where the estimate keeps less of the noise than the first share nothing is
-// changed, from the second on all that is to be gained.
-constexpr float kLeastKept = 0.08f, kEnoughKept = 0.16f;
-// What is gained is asked of smaller ones (deviation and radius in cells), and this many standard
-// errors are taken off.
+// Where the estimate's residual lacks less of the noise than the first share nothing is changed,
+// from the second on all that is to be gained: even light lacks up to the first by chance. It
+// states less error than the third share, and has to lack by so much more.
+constexpr float kLeastLack = 0.07f, kEnoughLack = 0.14f, kErrorOfDetail = 0.02f;
+// What is gained is asked of small neighbourhoods (deviation and radius in cells), and this many
+// standard errors are taken off.
 constexpr float kGainDeviation = 2.5f;
 constexpr int kGainRadius = 6;
-constexpr float kGainErrors = 2.0f;
-// An estimate that an orthogonal projection makes keeps of the noise what its residual lacks. The
-// mean of two errs less than either and keeps as much as they do on average: less than is lacking.
-constexpr float kKeptByMix = 0.85f;
-// The second round works where the first has gained this share of the noise, and fully where it
-// has gained twice as much.
-constexpr float kWorthwhile = 0.1f;
+constexpr float kGainErrors = 1.0f;
+// A round works where the one before has gained this share of the noise, and fully where that has
+// gained twice as much.
+constexpr float kWorthwhile = 0.2f;
 constexpr float kLeastShare = 0.05f;  // of the noise, for that ratio
+// A mean errs by its own sample's share of the noise, were all of its pixels alike and counted
+// alike. With those along edges it is this many times as much.
+constexpr float kOwnAtEdges = 5.0f;
+constexpr float kLeastError = 1e-3f;
 // A pixel that is most of its own mean has no like around it, as a star.
 constexpr float kMostOwn = 0.7f;
 constexpr int kBandCells = 8;  // rows of cells of a task
@@ -64,19 +71,18 @@ struct ErrorRows {
 
 class Averaging {
  public:
-  Averaging(PixelStrip& strip, bool is_mix, const ErrorRows& stated, Progress& progress)
+  Averaging(PixelStrip& strip, const ErrorRows& stated, Progress& progress)
       : layout_(strip.layout),
         strip_(strip),
         samples_(strip.samples),
         estimate_(strip.estimate),
-        kept_of_lack_(is_mix ? kKeptByMix : 1),
         stated_(stated),
         progress_(progress),
         rows_(strip.rows()),
         cols_(strip.cols()) {}
 
   void run() {
-    for (const BilateralRound& round : kBilateralRounds) {
+    for (const BilateralRound& round : rounds_for(layout_)) {
       kept_ = measure_kept_noise(strip_);
       if (cells_.gate.size() == 0) open_gates();
       if (std::none_of(cells_.gate.values().begin(), cells_.gate.values().end(),
@@ -90,8 +96,12 @@ class Averaging {
  private:
   void open_gates() {
     cells_.gate = strip_.cell_map();
-    for (std::size_t i = 0; i < cells_.gate.size(); ++i)
-      cells_.gate.values()[i] = ramp(kept_.all.values()[i], kLeastKept, kEnoughKept);
+    for (std::size_t i = 0; i < cells_.gate.size(); ++i) {
+      const float lack = kept_.lack.values()[i];
+      const float with_error = 2 * kept_.all.values()[i];
+      cells_.gate.values()[i] =
+          ramp(std::min(lack, with_error - kErrorOfDetail), kLeastLack, kEnoughLack);
+    }
   }
 
   // Fills difference_ and the sums.
@@ -183,7 +193,7 @@ class Averaging {
       });
       cells_.energy_common(i, k) += share * change * change;
     });
-    const float blind = kept_of_lack_ * cells_.blind(i, k);
+    const float blind = cells_.blind(i, k);
     const float common = 0.25f * (blind * kept_.of_common(i, k) - cells_.own(i, k));
     cells_.gain_common(i, k) += common;
     cells_.gain(i, k) += common + 0.75f * (blind * kept_.of_unlike(i, k) - cells_.own(i, k));
@@ -207,22 +217,25 @@ class Averaging {
     constexpr float kPixels =
         4 * std::numbers::pi_v<float> * kGainDeviation * kGainDeviation * kCell * kCell;
     const float noise = std::max(kept_.of_all(i, k), kLeastShare);
-    float gained = 0, certain = 0;  // of the noise
+    float gained = 0, certain = 0;
     const auto share_of = [&](float gain, float moved) {
       const float sure = gain - kGainErrors * std::sqrt(std::max(moved, 0.0f) / kPixels);
       if (!(sure > 0) || !(moved > 0)) return 0.0f;
       const float share = cells_.gate(i, k) * std::min(sure / moved, 1.0f);
-      gained += share * (2 * gain - share * moved) / noise;
-      certain += share * (2 * sure - share * moved) / noise;
+      gained += share * (2 * gain - share * moved);
+      certain += share * (2 * sure - share * moved);
       return share;
     };
     const float common = cells_.energy_common(i, k);
     const Shares shares{
         share_of(cells_.gain_common(i, k), common),
         share_of(cells_.gain(i, k) - cells_.gain_common(i, k), cells_.energy(i, k) - common)};
+    float& error = strip_.cell_error(i, k);
+    const float before = std::max(std::min(error, noise), kLeastError);
     if (shares.common > 0 || shares.unlike > 0)
-      change_cell(i, k, shares, std::max(1 - gained, 0.0f));
-    cells_.gate(i, k) *= ramp(certain, kWorthwhile, 2 * kWorthwhile);
+      change_cell(i, k, shares, std::max(1 - gained / before, 0.0f));
+    error = std::min(std::max(error - gained, kOwnAtEdges * cells_.own(i, k)), error);
+    cells_.gate(i, k) *= ramp(certain / noise, kWorthwhile, 2 * kWorthwhile);
   }
 
   // left: of the error around here.
@@ -251,7 +264,6 @@ class Averaging {
   PixelStrip& strip_;
   const Image& samples_;
   Image& estimate_;
-  float kept_of_lack_;
   ErrorRows stated_;
   Progress& progress_;
   int rows_, cols_;
@@ -263,10 +275,18 @@ class Averaging {
 // A pixel depends on none further above or below. Whole cells.
 int averaging_reach(const SensorLayout& layout) {
   int reach = 0;
-  for (const BilateralRound& round : kBilateralRounds)
+  for (const BilateralRound& round : rounds_for(layout))
     reach += (kGainRadius + 1) * kCell +
              std::max(round.reach * layout.rows(), (kNoiseRadius + 1) * kCell);
   return cell_count(reach) * kCell;
+}
+
+// Of the rows of cells that hold the rows [first, end); first begins one.
+Image cells_between(const Image& cells, int first, int end) {
+  Image part(cell_count(end - first), cells.cols());
+  for (int i = 0; i < part.rows(); ++i)
+    std::copy_n(cells.row(first / kCell + i), cells.cols(), part.row(i));
+  return part;
 }
 
 // What the tiles of the filter had before is free; the least that they need is more than this.
@@ -289,7 +309,11 @@ void average_alike_pixels(const FrameSource& frame, const SampleNoise& noise,
   for (int core = 0; core < rows; core += core_rows) {
     const int core_end = std::min(core + core_rows, rows), first = std::max(core - reach, 0),
               end = std::min(core_end + reach, rows);
-    PixelStrip strip{frame.layout, Image(end - first, cols), Image(end - first, cols), noise,
+    PixelStrip strip{frame.layout,
+                     Image(end - first, cols),
+                     Image(end - first, cols),
+                     cells_between(estimate.cell_error, first, end),
+                     noise,
                      first};
     parallel_for(first, end, kRowsPerTask, [&](std::ptrdiff_t task, std::ptrdiff_t task_end) {
       for (int r = static_cast<int>(task); r < static_cast<int>(task_end); ++r) {
@@ -301,8 +325,7 @@ void average_alike_pixels(const FrameSource& frame, const SampleNoise& noise,
     above = Image(std::min(reach, core_end), cols);
     for (int i = 0; i < above.rows(); ++i)
       std::copy_n(strip.estimate.row(core_end - above.rows() + i - first), cols, above.row(i));
-    Averaging(strip, estimate.is_mix, {estimate.error, core - first, core_end - first}, progress)
-        .run();
+    Averaging(strip, {estimate.error, core - first, core_end - first}, progress).run();
     for (int r = core; r < core_end; ++r)
       std::copy_n(strip.estimate.row(r - first), cols, pixels.row(r));
   }

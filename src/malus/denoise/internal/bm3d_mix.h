@@ -28,10 +28,10 @@ bool mixes_bm3d(const std::string& method, const std::string& profile, const Sen
 /// InputError when that is too little.
 Bm3dMix plan_bm3d_mix(const std::string& profile, int rows, int cols, const MemoryBudget& memory);
 
-/// Stabilised samples from `pixel` change `estimate`, which was made of them. cell_error: its
-/// expected squared error (FrameReport::cell_error), which mixes do not exceed and which is stated
-/// of them too. Parts and threads do not change a byte of the result. Throws Cancelled.
-void mix_bm3d(const Bm3dMix& mix, const PixelSource& pixel, const Image& cell_error,
-              Image& estimate, Progress& progress);
+/// Stabilised samples from `pixel` change `estimate`, which was made of them, and cell_error, its
+/// expected squared error (FrameReport::cell_error). Users are told the error before the mix, which
+/// mixes do not exceed. Parts and threads do not change a byte of the result. Throws Cancelled.
+void mix_bm3d(const Bm3dMix& mix, const PixelSource& pixel, Image& cell_error, Image& estimate,
+              Progress& progress);
 
 }  // namespace malus::internal

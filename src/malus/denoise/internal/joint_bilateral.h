@@ -15,8 +15,8 @@ namespace malus::internal {
 /// What filters made of a frame.
 struct FrameEstimate {
   Image& pixels;
-  Image* error = nullptr;  ///< expected squared error, where there is one
-  bool is_mix = false;     ///< a mean of two filters' (bm3d_mix.h)
+  const Image& cell_error;  ///< its expected squared error, means over the cells
+  Image* error = nullptr;   ///< the same of every pixel, where it is asked for
 };
 
 /// The frame's stabilised samples change the estimate that was made of them, and its error. Strips

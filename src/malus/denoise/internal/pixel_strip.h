@@ -36,6 +36,7 @@ struct SampleNoise {
 struct PixelStrip {
   const SensorLayout& layout;
   Image samples, estimate;   ///< of one size
+  Image cell_error;          ///< expected squared error of the estimate, means over the cells
   const SampleNoise& noise;  ///< of the samples
   int first_row;             ///< of the frame
 
