@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <numeric>
 #include <set>
@@ -30,6 +31,14 @@ struct PlanePair {
   /// Where crops without unknown pixels begin, row * columns + column; empty: anywhere.
   std::vector<std::int64_t> starts;
 };
+
+// Falls to nothing by a cosine.
+void set_rate(torch::optim::Adam& adam, double first, int step, int steps) {
+  const double phase = static_cast<double>(step) / steps;
+  for (auto& group : adam.param_groups())
+    static_cast<torch::optim::AdamOptions&>(group.options())
+        .lr(first * 0.5 * (1 + std::cos(std::numbers::pi * phase)));
+}
 
 // The places where a crop holds no unknown pixel, of any channel; empty: all of them.
 std::vector<std::int64_t> places_of_crops(const torch::Tensor& noise, int crop,
@@ -91,22 +100,69 @@ PlanePair plane_pair(const NoiseFlowPair& pair, const NoiseFlowModel& model, dou
           places_of_crops(noise, crop, pair.name)};
 }
 
-// Straight line of squared noise over the signal: where the first layer starts.
-void start(NoiseFlow& network, const std::vector<PlanePair>& pairs) {
-  double n = 0, sx = 0, sy = 0, sxx = 0, sxy = 0;
+// Light and squared noise of a channel at a gain, summed over bins of light: x = (bin / kBins)^4
+// puts them close together in the dark, where read noise shows.
+struct LightBins {
+  torch::Tensor count, light, square;  ///< [gain, channel, 1, bin]; means of a bin
+  torch::Tensor gain;                  ///< [gain]
+};
+
+LightBins bins_of_light(const std::vector<PlanePair>& pairs) {
+  constexpr std::int64_t kBins = 64;
+  std::map<double, torch::Tensor> by_gain;  // [count, light, square] x [channel, bin]
   for (const PlanePair& pair : pairs) {
-    const auto known = pair.noise.isfinite();
-    const auto x = pair.clean.masked_select(known).to(torch::kDouble),
-               y = pair.noise.masked_select(known).to(torch::kDouble).square();
-    n += static_cast<double>(x.numel());
-    sx += x.sum().item().toDouble();
-    sy += y.sum().item().toDouble();
-    sxx += x.square().sum().item().toDouble();
-    sxy += (x * y).sum().item().toDouble();
+    const auto channels = pair.noise.size(0);
+    auto& sums =
+        by_gain.try_emplace(pair.log_gain, torch::zeros({3, channels, kBins}, torch::kDouble))
+            .first->second;
+    for (std::int64_t c = 0; c < channels; ++c) {
+      const auto known = pair.noise[c].isfinite();
+      const auto x = pair.clean[c].masked_select(known).to(torch::kDouble).clamp_min(0),
+                 y = pair.noise[c].masked_select(known).to(torch::kDouble).square();
+      const auto bin = (x.clamp_max(1).pow(0.25) * kBins).to(torch::kLong).clamp_max(kBins - 1);
+      sums[0][c] += torch::bincount(bin, {}, kBins);
+      sums[1][c] += torch::bincount(bin, x, kBins);
+      sums[2][c] += torch::bincount(bin, y, kBins);
+    }
   }
-  const double spread = sxx - sx * sx / n, mean = sy / n;
-  const double slope = spread > 1e-9 * n ? std::max((sxy - sx * sy / n) / spread, 0.0) : 0.0;
-  network.start_at(std::max(slope, 1e-3 * mean), std::max(mean - slope * sx / n, 1e-2 * mean));
+  std::vector<torch::Tensor> sums;
+  std::vector<float> gains;
+  for (const auto& [gain, of_gain] : by_gain) {
+    sums.push_back(of_gain);
+    gains.push_back(static_cast<float>(gain));
+  }
+  const auto all = torch::stack(sums, 1).unsqueeze(3);
+  const auto counted = all[0].clamp_min(1);
+  const auto single = [](const torch::Tensor& t) { return t.to(torch::kFloat); };
+  return {single(all[0]), single(all[1] / counted), single(all[2] / counted), torch::tensor(gains)};
+}
+
+// Fits the signal-dependent layer by itself, by maximum likelihood over the bins of light. Read
+// noise at a low gain lies decades below the mean noise of all pairs: training, whose rate is that
+// of the couplings, would never come down to it.
+void start(NoiseFlow& network, const std::vector<PlanePair>& pairs) {
+  constexpr int kSteps = 600;
+  constexpr double kRate = 0.05;  // of Adam: no parameter moves by more than its sum, e^15
+  const LightBins bins = bins_of_light(pairs);
+  const double pixels = bins.count.sum().item().toDouble();
+  const auto mean = [&](const torch::Tensor& t) {
+    return (t * bins.count).sum().item().toDouble() / pixels;
+  };
+  // From above: where the offset is far too small, the likelihood does not tell of it.
+  const double square = mean(bins.square);
+  network.start_at(square / std::max(mean(bins.light), 1e-6), square);
+  const auto all = network.named_parameters(false);
+  torch::optim::Adam adam({all["slope"], all["slope_gain"], all["offset"], all["offset_gain"]},
+                          kRate);
+  for (int step = 0; step < kSteps; ++step) {
+    set_rate(adam, kRate, step, kSteps);
+    const auto log_variance = 2 * network.log_deviation(bins.light, bins.gain);
+    const auto loss =
+        (bins.count * (log_variance + bins.square * torch::exp(-log_variance))).sum() / pixels;
+    adam.zero_grad();
+    loss.backward();
+    adam.step();
+  }
 }
 
 void check_pairs(const std::vector<NoiseFlowPair>& pairs, const SensorLayout& layout, int crop) {
@@ -184,10 +240,7 @@ NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlo
   const int every = std::max(settings.steps / 50, 1);
   for (int step = 0; step < settings.steps; ++step) {
     check_stop(progress);
-    const double phase = static_cast<double>(step) / settings.steps;
-    for (auto& group : adam.param_groups())
-      static_cast<torch::optim::AdamOptions&>(group.options())
-          .lr(settings.learning_rate * 0.5 * (1 + std::cos(std::numbers::pi * phase)));
+    set_rate(adam, settings.learning_rate, step, settings.steps);
     const Batch batch = draw_batch(planes, settings, seed, step);
     const auto loss = -network.log_likelihood(batch.noise, batch.clean, batch.gain).mean() / values;
     adam.zero_grad();

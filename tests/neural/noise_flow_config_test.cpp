@@ -1,0 +1,123 @@
+// A Noise Flow's training as its configuration and files describe it.
+#include "malus/base/random.h"
+#include "malus/io/picture_file.h"
+#include "malus/neural/noise_flow_training.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <string>
+
+#include "problem_of.h"
+#include "support.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::problem_of;
+
+// A recorded frame of whole numbers and a clean one of floats, two steps of training.
+struct RecordedFlow {
+  RecordedFlow() {
+    SaveOptions integers;
+    integers.type = SampleType::kUint16;
+    Image codes(96, 96), clean_dn(96, 96);
+    RandomSequence random(8, 0, Draw::kScene);
+    for (int r = 0; r < 96; ++r)
+      for (int c = 0; c < 96; ++c) {
+        const double signal = 20.0 + 9.0 * c;
+        clean_dn(r, c) = static_cast<float>(signal);
+        const double noisy = signal + std::sqrt(2.5 * signal + 30) * random.normal();
+        codes(r, c) = static_cast<float>(4 * std::round(noisy / 4 + 25));
+      }
+    save_picture(folder / "noisy.npy", codes, integers);
+    save_picture(folder / "clean.npy", clean_dn);
+  }
+  void write(const std::string& black, const std::string& noisy) const {
+    std::ofstream(folder / "flow.toml")
+        << "[network]\narchitecture = \"noise-flow\"\n[sensor]\nlayout = \"bayer-rggb\"\n"
+        << "black = " << black << "\nwhite = 4095\n[[pairs]]\nnoisy = " << noisy
+        << "\nclean = \"clean.npy\"\ngain_db = 12\n[train]\nsteps = 2\ncouplings = 0\n";
+  }
+  NoiseFlowFit train(const std::string& black, const std::string& noisy) const {
+    write(black, noisy);
+    return train_noise_flow(load_noise_flow_config(folder / "flow.toml"), 0);
+  }
+  testing::TemporaryFolder folder;
+};
+
+TEST(NoiseFlow, RecordedIntegersAreKnownWhateverTheBlack) {
+  const RecordedFlow flow;
+  for (const char* black : {"100", "100.25", "[100, 99.5, 100, 100.5]"})
+    EXPECT_EQ(flow.train(black, "\"noisy.npy\"").model.sensor().spread_dn, 4) << black;
+}
+
+TEST(NoiseFlow, AStackCountsAsItsFrames) {
+  const RecordedFlow flow;
+  const Planes frame = load_picture(flow.folder / "noisy.npy").planes;
+  Planes frames(3, frame.rows(), frame.cols());
+  for (Image& one : frames) one = frame[0];
+  SaveOptions integers;
+  integers.type = SampleType::kUint16;
+  save_picture(flow.folder / "stack.npy", frames, {}, integers);
+  const auto config_of = [&](const char* noisy) {
+    flow.write("100", noisy);
+    return load_noise_flow_config(flow.folder / "flow.toml");
+  };
+  const auto all = config_of("\"st*.npy\"").pairs;
+  ASSERT_EQ(all.size(), 3u);
+  EXPECT_EQ(all[2].noisy, flow.folder / "stack.npy[2]");
+  const NoiseFlowConfig one = config_of("\"stack.npy[1]\"");
+  ASSERT_EQ(one.pairs.size(), 1u);
+  EXPECT_EQ(one.pairs[0].noisy, flow.folder / "stack.npy[1]");
+  EXPECT_NE(config_json(one)["contents"], config_json(config_of("\"stack.npy[2]\""))["contents"]);
+  EXPECT_EQ(flow.train("100", "\"stack.npy\"").model.sensor().spread_dn, 4);
+}
+
+// How bright a place at white was is not known: whatever its files say, the flow is the same.
+TEST(NoiseFlow, PixelsAtWhiteAreNotLearntFrom) {
+  const RecordedFlow flow;
+  const Image clean_dn = load_picture(flow.folder / "clean.npy").planes[0];
+  SaveOptions again;
+  again.force = true;
+  const auto learnt = [&](float corner_dn, int size) {
+    Image other = clean_dn;
+    for (int r = 0; r < size; ++r) std::fill_n(other.row(r), size, corner_dn);
+    save_picture(flow.folder / "clean.npy", other, again);
+    return flow.train("100", "\"noisy.npy\"").record["log"].dump();
+  };
+  EXPECT_EQ(learnt(3995, 20), learnt(6000, 20));
+  EXPECT_NE(learnt(3900, 20), learnt(6000, 20));
+  const std::string problem = problem_of([&] { learnt(3995, clean_dn.rows() - 8); });
+  EXPECT_NE(problem.find("leaves no crop of 24 pixels"), std::string::npos) << problem;
+}
+
+TEST(NoiseFlow, APatternThatMatchesNoFileIsRefused) {
+  const RecordedFlow flow;
+  const std::string problem = problem_of([&] { flow.train("100", R"(["noisy.npy", "nosy_*"])"); });
+  EXPECT_NE(problem.find("\"nosy_*\" matches no file"), std::string::npos) << problem;
+}
+
+// White between the blacks of two channels leaves one of them no signal.
+TEST(NoiseFlow, WhiteMustBeAboveEveryBlack) {
+  const testing::TemporaryFolder folder;
+  NoiseFlowSensor wrong;
+  wrong.layout = "polar-mono";
+  wrong.black_dn = {64, 64, 64, 2000};
+  wrong.white_dn = 1023;
+  NoiseFlowModel(wrong, 0, 1).save(folder / "flow.safetensors", {});
+  EXPECT_NE(problem_of([&] {
+              NoiseFlowModel(folder / "flow.safetensors");
+            }).find("does not fit together"),
+            std::string::npos);
+  std::ofstream(folder / "flow.toml")
+      << "[network]\narchitecture = \"noise-flow\"\n[sensor]\nlayout = \"polar-mono\"\n"
+      << "black = [64, 64, 64, 2000]\nwhite = 1023\n";
+  EXPECT_NE(
+      problem_of([&] { load_noise_flow_config(folder / "flow.toml"); }).find("not above black"),
+      std::string::npos);
+}
+
+}  // namespace
+}  // namespace malus
