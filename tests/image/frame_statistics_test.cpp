@@ -167,6 +167,18 @@ TEST(LevelComplaint, NamesTheLevelThatThePixelsContradict) {
   EXPECT_NE(level_complaint(frame).find("below the black level"), std::string::npos);
 }
 
+// A thousandth of 4096 pixels.
+TEST(LevelComplaint, HotPixelsAboveWhiteAreFewOrTheWhiteIsWrong) {
+  RawFrame frame = noisy_frame("mono", 64, 64, 4.0);
+  frame.white_dn = 2047;
+  std::fill_n(frame.dn.row(0), 4, 4095.0F);
+  EXPECT_EQ(share_beyond_white(frame), 0);
+  EXPECT_EQ(level_complaint(frame), "");
+  frame.dn(0, 4) = 4095;
+  EXPECT_EQ(share_beyond_white(frame), 5.0 / 4096);
+  EXPECT_NE(level_complaint(frame).find("0.122 % of its pixels"), std::string::npos);
+}
+
 // Dark frames scatter about black, float frames have no bits, and nobody knows NaN's level.
 TEST(LevelComplaint, DarkAndFloatFramesAreFine) {
   RawFrame frame = noisy_frame("mono", 64, 64, 30.0);

@@ -94,6 +94,30 @@ double grouped_median(std::vector<double>& values) {
   return left + position * (right - left);
 }
 
+// Shares of the finite pixels, and the largest of them.
+struct BeyondLevels {
+  double above = 0;  ///< share_beyond_white
+  double below = 0;
+  double largest_dn = 0;
+};
+
+BeyondLevels beyond_levels(const RawFrame& frame) {
+  constexpr double kMargin = 0.1, kHotPixels = 1e-3;
+  double above = 0, below = 0, pixels = 0, largest = 0;
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c) {
+      const double value = frame.dn(r, c), black = frame.black_at(r, c);
+      if (!std::isfinite(value)) continue;
+      const double margin = kMargin * (frame.white_dn - black);
+      above += value > frame.white_dn + margin;
+      below += value < black - margin;
+      largest = std::max(largest, value);
+      ++pixels;
+    }
+  if (pixels == 0) return {};
+  return {above > kHotPixels * pixels ? above / pixels : 0, below / pixels, largest};
+}
+
 }  // namespace
 
 Estimate<double> noise_guess(View<const float> plane, double white_dn) {
@@ -182,27 +206,19 @@ Estimate<ValueGrid> value_grid(View<const float> mosaic) {
                    static_cast<int>(step > 0 ? remainder_of(first, step) : first)};
 }
 
+double share_beyond_white(const RawFrame& frame) { return beyond_levels(frame).above; }
+
 std::string level_complaint(const RawFrame& frame) {
-  constexpr double kMargin = 0.1, kMostAbove = 1e-3, kMostBelow = 0.1;
-  double above = 0, below = 0, pixels = 0, largest = 0;
-  for (int r = 0; r < frame.dn.rows(); ++r)
-    for (int c = 0; c < frame.dn.cols(); ++c) {
-      const double value = frame.dn(r, c), black = frame.black_at(r, c);
-      if (!std::isfinite(value)) continue;
-      const double margin = kMargin * (frame.white_dn - black);
-      above += value > frame.white_dn + margin;
-      below += value < black - margin;
-      largest = std::max(largest, value);
-      ++pixels;
-    }
-  if (above > kMostAbove * pixels)
+  constexpr double kMostBelow = 0.1;
+  const BeyondLevels beyond = beyond_levels(frame);
+  if (beyond.above > 0)
     return fmt::format("{:.3g} % of its pixels lie above the white level, check {}",
-                       100 * above / pixels, setting("white"));
-  if (below > kMostBelow * pixels)
+                       100 * beyond.above, setting("white"));
+  if (beyond.below > kMostBelow)
     return fmt::format("{:.3g} % of its pixels lie far below the black level, check {}",
-                       100 * below / pixels, setting("black"));
+                       100 * beyond.below, setting("black"));
   const double most = std::ldexp(1.0, frame.bits) - 1;
-  if (frame.bits > 0 && frame.white_dn > most && largest <= most)
+  if (frame.bits > 0 && frame.white_dn > most && beyond.largest_dn <= most)
     return fmt::format("its {} bits do not reach the white level, check {}", frame.bits,
                        setting("white"));
   return "";

@@ -24,10 +24,13 @@ struct ChannelSummary {
 /// One per channel of the layout.
 std::vector<ChannelSummary> summarize(const RawFrame& frame);
 
+/// Share of the finite pixels that lie above white by over a tenth of the range, where that is more
+/// than the hot pixels of a sensor (a thousandth): then the white level is wrong. Else 0.
+double share_beyond_white(const RawFrame& frame);
+
 /// What is wrong with the declared black and white levels, in one sentence; empty where the pixels
-/// agree with them: more than a thousandth of them above white or more than a tenth below black by
-/// over a tenth of the range (bias and noise stay within), or white beyond what the integers
-/// hold.
+/// agree with them: share_beyond_white, or more than a tenth of them below black by over a tenth of
+/// the range (bias and noise stay within), or white beyond what the integers hold.
 std::string level_complaint(const RawFrame& frame);
 
 /// Noise of one channel's plane from a single frame, in its own unit: MAD / 0.6745 of the response
