@@ -24,6 +24,7 @@
 #include "dataset_folder.h"
 #include "flags.h"
 #include "frame_input.h"
+#include "networks_door.h"
 #include "program.h"
 #include <fmt/format.h>
 
@@ -49,6 +50,14 @@ struct Plan {
   std::optional<ConfigSection> root;     ///< for messages
   std::optional<ConfigSection> section;  ///< [dataset], or the root where there is none
 };
+
+void check_noise(const ConfigSection& section, const fs::path& model) {
+  if (section.has("ratio"))
+    section.fail("ratio", "has no meaning here", "list ratios in [dataset]");
+  // The usual kind, too, which the settings do not tell from none.
+  if (section.has("kind") && names_noise_flow(model))
+    section.fail("kind", "means nothing to the noise of a Noise Flow", "leave it out");
+}
 
 Plan load_plan(const fs::path& path) {
   const ConfigSection root = ConfigSection::load(path, "the data-set configuration");
@@ -81,8 +90,7 @@ Plan load_plan(const fs::path& path) {
     plan.section = section;
   }
   if (const auto section = root.section("noise")) section->read(plan.noise, {"ratio"});
-  if (const auto section = root.section("noise"); section && section->has("ratio"))
-    section->fail("ratio", "has no meaning here", "list ratios in [dataset]");
+  if (const auto section = root.section("noise")) check_noise(*section, plan.model_path);
   return plan;
 }
 
@@ -212,7 +220,7 @@ Json dataset_json(const Plan& plan, const Factory& factory) {
             {"seed", factory.seed},
             {"black", plan.black_dn},
             {"dataset", settings_json(plan.dataset)},
-            {"noise", settings_json(plan.noise)},
+            {"noise", factory.camera->noise_json()},
             {"clean", Json::array()}};
   for (const fs::path& clean : plan.cleans)
     json["clean"].push_back(

@@ -34,6 +34,7 @@ namespace fs = std::filesystem;
 struct SynthesizeArguments {
   RawOptions raw;
   SynthesisSettings settings;
+  const CLI::Option* kind = nullptr;  ///< counts whether it was given
   std::vector<fs::path> inputs;
   fs::path folder, model;
   std::string gain, format = "tif";
@@ -146,6 +147,9 @@ FrameSource calibrated_source(const SynthesizeArguments& arguments,
 
 FrameSource flow_source(const SynthesizeArguments& arguments,
                         const std::optional<GainSetting>& gain) {
+  if (arguments.kind->count() > 0)
+    throw InputError("--kind " + arguments.settings.kind, "means nothing to a Noise Flow",
+                     "leave it out");
   SynthesisSettings plain;
   plain.ratio = arguments.settings.ratio;
   if (settings_json(plain) != settings_json(arguments.settings))
@@ -302,6 +306,7 @@ void add_synthesize(CLI::App& app, Common& common) {
       ->capture_default_str();
   arguments->raw.add_to(*command, false);
   add_flags(*command, arguments->settings);
+  arguments->kind = command->get_option("--kind");
 }
 
 }  // namespace malus::app

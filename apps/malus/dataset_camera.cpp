@@ -33,6 +33,7 @@ class CalibratedDataset final : public DatasetCamera {
   }
 
   const NoiseModel& camera() const override { return model_.description(); }
+  nlohmann::ordered_json noise_json() const override { return settings_json(noise_); }
 
   TrainingPair pair(const SampleRecipe& recipe, View<const float> source_dn,
                     std::uint64_t seed) const override {
@@ -101,6 +102,9 @@ class FlowDataset final : public DatasetCamera {
   }
 
   const NoiseModel& camera() const override { return camera_; }
+  nlohmann::ordered_json noise_json() const override {
+    return {{"amplify", noise_.amplify}, {"debias", noise_.debias}};
+  }
 
   TrainingPair pair(const SampleRecipe& recipe, View<const float> source_dn,
                     std::uint64_t seed) const override {

@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
 namespace malus::app {
 
 class DatasetCamera {
@@ -20,6 +22,8 @@ class DatasetCamera {
   virtual void prepare() = 0;
   /// Layout, levels and row group; a flow's holds no calibration.
   virtual const NoiseModel& camera() const = 0;
+  /// The settings that its noise follows: of a flow, debias and amplify alone.
+  virtual nlohmann::ordered_json noise_json() const = 0;
   /// A sample, without gain in its recipe at a random one: of a flow, one that it was trained at.
   /// Any thread. Throws InputError.
   virtual TrainingPair pair(const SampleRecipe& recipe, View<const float> source_dn,

@@ -134,6 +134,7 @@ def test_a_network_is_trained_on_its_noise(malus, refused, trained):
     malus("train", trained / "flow.toml", "-o", trained / "flow", "--set", "train.steps=2", "--force")
     assert "belongs to a run with other files of noise.models" in refused("train", config, "-o", trained / "run", "--resume")
     for setting, word in (("noise.jitter=0.2", "jitter in [noise] means nothing"), ("noise.kind=gaussian", "kind in [noise] means nothing"),
+                          ("noise.kind=physics", "kind in [noise] means nothing"),
                           ("noise.gains=[24]", "the flow was trained from 12 dB to 12 dB"), ("package.layout=bayer-bggr", "layout")):
         assert word in refused("train", config, "-o", trained / "none", "--set", setting)
     assert not (trained / "none").exists()
@@ -145,6 +146,7 @@ def test_a_data_set_of_its_noise_trains_a_network(malus, refused, trained):
             'ratios = [2, 8]\n')
     plan.write_text(text)
     malus("dataset", plan, "-o", trained / "shards")
+    assert json.loads((trained / "shards/dataset.json").read_text())["noise"] == {"amplify": True, "debias": True}
     square, count = 0.0, 0
     for shard in sorted((trained / "shards").glob("*.tar")):
         with tarfile.open(shard) as tar:
@@ -170,6 +172,8 @@ def test_a_data_set_of_its_noise_trains_a_network(malus, refused, trained):
     assert "plan.toml:8: gains" in line and "from 12 dB to 12 dB" in line
     plan.write_text(text + "[noise]\nshot = false\n")
     assert "weights.safetensors: a Noise Flow has none of the parts" in refused("dataset", plan, "-o", trained / "none")
+    plan.write_text(text + "[noise]\nkind = 'physics'\n")
+    assert "plan.toml:9: kind in [noise] means nothing to the noise of a Noise Flow" in refused("dataset", plan, "-o", trained / "none")
 
 
 def test_weights_are_not_replaced_unasked_but_those_beside_do_not_matter(malus, refused, pairs):
@@ -220,6 +224,9 @@ def test_what_a_flow_cannot_do_is_refused(refused, trained):
     noise = ["evaluate", "--noise", "--reference", trained / "noisy_0.npy", "--clean", trained / "clean.npy", "--black",
              BLACK, "--white", WHITE, "--model", flow]
     assert "--kind" in refused(*noise, *RAW, "--kind", "gaussian")
+    for kind in ("physics", "gaussian"):
+        line = refused(*base, "--model", flow, "--gain", "12", "--kind", kind)
+        assert f"--kind {kind}: means nothing to a Noise Flow" in line
     assert "layout" in refused(*noise, "--layout", "bayer-bggr", "--gain", "12")
     assert "24" in refused(*noise, "--layout", "bayer-rggb", "--gain", "24")
     line = refused("denoise", trained / "noisy_0.npy", "--method", flow, "--black", BLACK, "--white", WHITE,

@@ -118,8 +118,9 @@ class ShardPairs final : public PairSource {
       const fs::path file = path.parent_path() / "dataset.json";
       const Json dataset = load_json(file);
       require_drawn_from(model_, dataset, file);
-      const bool amplified = dataset.at("noise").at("amplify").get<bool>();
-      const bool biased = dataset.at("noise").at("bias").get<bool>();
+      const Json& noise = dataset.at("noise");
+      const bool amplified = noise.at("amplify").get<bool>();
+      const bool biased = noise.value("bias", true);  // not told of a flow's, which has its bias
       const auto entries = shard_entries(path);
       for (std::size_t i = 0; i + 2 < entries.size(); i += 3)
         samples_.push_back({path, entries[i], entries[i + 1], entries[i + 2], amplified, biased});

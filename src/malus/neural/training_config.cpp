@@ -105,6 +105,18 @@ NetworkDescription read_network(const ConfigSection& section) {
   return network;
 }
 
+void read_models(const ConfigSection& section, const fs::path& folder, TrainingConfig& config) {
+  if (!config.models.empty()) return;
+  for (const std::string& name : section.texts("models")) {
+    const fs::path beside = folder / name;
+    config.models.push_back(fs::exists(beside) ? beside : fs::path(name));
+    // Files say themselves what is wrong with them, a name does not say where it is written.
+    if (!fs::exists(config.models.back()))
+      section.naming("models", [&] { return load_model(config.models.back()); });
+  }
+  if (config.models.empty()) section.fail("models", "is missing", "name one or more noise models");
+}
+
 void read_noise(const ConfigSection& section, const fs::path& folder, TrainingConfig& config) {
   auto also = names_of<TrainingNoiseSettings>();
   also.push_back("models");
@@ -118,15 +130,11 @@ void read_noise(const ConfigSection& section, const fs::path& folder, TrainingCo
                    "give ratio_low and ratio_high; bias and amplification belong to [package]");
   if (config.noise.ratio_low > config.noise.ratio_high)
     section.fail("ratio_low", "is above ratio_high", "exchange them");
-  if (!config.models.empty()) return;
-  for (const std::string& name : section.texts("models")) {
-    const fs::path beside = folder / name;
-    config.models.push_back(fs::exists(beside) ? beside : fs::path(name));
-    // Files say themselves what is wrong with them, a name does not say where it is written.
-    if (!fs::exists(config.models.back()))
-      section.naming("models", [&] { return load_model(config.models.back()); });
-  }
-  if (config.models.empty()) section.fail("models", "is missing", "name one or more noise models");
+  read_models(section, folder, config);
+  // The usual kind, too, which the settings no longer tell from none.
+  if (section.has("kind") && std::ranges::all_of(config.models, names_noise_flow))
+    section.fail("kind", "means nothing to the noise of a Noise Flow",
+                 "leave it out, or name a calibrated model");
 }
 
 void read_validation(const ConfigSection& section, const fs::path& folder, TrainingConfig& config) {
