@@ -145,6 +145,12 @@ def test_references_and_guides_are_taken_frame_by_frame(malus, frames, tmp_path)
     assert "one frame per RAW" in run.err
 
 
+def test_a_frame_that_no_stack_has_is_called_what_the_user_called_it(refused, frames, tmp_path):
+    np.save(tmp_path / "s.npy", frames["flat2"])
+    line = refused("info", tmp_path / "s.npy[99999999999999999999]")
+    assert "s.npy[99999999999999999999]: the file holds 2 frames; frames are counted from [0] to [1]" in line
+
+
 def test_stokes_normals_synthesize_and_renoise_take_stacks(malus, tmp_path):
     clean = np.stack([np.full((32, 32), level, np.float32) for level in (200, 400, 600)])
     np.save(tmp_path / "clean.npy", clean)

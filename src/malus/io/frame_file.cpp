@@ -133,7 +133,7 @@ Decoded read_place(const FramePlace& place, bool pixels) {
 int frames_in_file(const FramePlace& place, const FrameOptions& options) {
   if (!options.raw_format) return count_frames(place.file);
   if (place.index)
-    throw InputError(frame_name(place.file, *place.index).string(),
+    throw InputError(place.name.string(),
                      "a headerless file is one frame, and " + setting("raw_format") + " is given",
                      "save every frame in a file of its own");
   return 1;

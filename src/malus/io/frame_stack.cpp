@@ -38,13 +38,13 @@ std::optional<int> index_of(std::string_view digits) {
 FramePlace frame_place(const fs::path& name) {
   const std::string_view text = name.native();
   const std::size_t bracket = text.rfind('[');
-  if (!text.ends_with(']') || bracket == text.npos) return {name, std::nullopt};
+  if (!text.ends_with(']') || bracket == text.npos) return {name, std::nullopt, name};
   const auto index = index_of(text.substr(bracket + 1, text.size() - bracket - 2));
   const fs::path file = text.substr(0, bracket);
   std::error_code unknown;
   if (!index || fs::exists(name, unknown) || !fs::is_regular_file(file, unknown))
-    return {name, std::nullopt};
-  return {file, index};
+    return {name, std::nullopt, name};
+  return {file, index, name};
 }
 
 fs::path frame_name(const fs::path& file, int index) {
@@ -90,7 +90,7 @@ int internal::stack_index(const FramePlace& place, int frames) {
                                  frame_name(place.file.filename(), frames - 1).string()));
   const int index = place.index.value_or(0);
   if (index >= frames)
-    throw InputError(frame_name(place.file, index).string(),
+    throw InputError(place.name.string(),
                      fmt::format("the file holds {}", counted(frames, "frame")),
                      fmt::format("frames are counted from [0]{}",
                                  frames > 1 ? fmt::format(" to [{}]", frames - 1) : ""));

@@ -14,7 +14,8 @@ inline constexpr int kMostStackFrames = 1'000'000;
 /// Where a frame lies: in a file, and of a stack at which place, from 0.
 struct FramePlace {
   std::filesystem::path file;
-  std::optional<int> index;  ///< unset: the file's only frame
+  std::optional<int> index;    ///< unset: the file's only frame; at most the largest int
+  std::filesystem::path name;  ///< as it was given
 };
 
 /// What a frame's name says. `stack.tif[3]` is the frame 3 of stack.tif where that is a file; where
