@@ -62,11 +62,27 @@ void leave_out_alpha(const fs::path& path, Picture& picture) {
   std::ranges::move(kept, picture.planes.begin());
 }
 
+// Frames of a camera where that is said, and where no picture is like it: of more planes than any
+// sensor has channels, or of more whole numbers than colours and alpha (those of packed planes are
+// floats).
+bool is_stack(const fs::path& path, bool said, const FrameOptions& options) {
+  constexpr int kColorsAndAlpha = 4;
+  if (options.raw_format || frame_place(path).index) return false;
+  if (said) return count_frames(path) > 1;
+  int frames = 1;
+  try {
+    frames = count_frames(path);
+  } catch (const InputError&) {
+    return false;  // no stack; what it is, and whether it is whole, its reader knows
+  }
+  return frames > SensorLayout::kMostChannels ||
+         (frames > kColorsAndAlpha && probe_frame(frame_name(path, 0), options).frame.bits > 0);
+}
+
 Subject load_subject(const fs::path& path, const RawOptions& raw, const FrameOptions& options) {
   // What is a stack of frames is read by their reader, which wants one of them named.
   const bool as_frame = options.layout || raw.float_black() == FloatBlack::kHolds;
-  const bool stack = as_frame && !options.raw_format && !frame_place(path).index &&
-                     count_frames(frame_place(path).file) > 1;
+  const bool stack = is_stack(path, as_frame, options);
   if (!options.raw_format && has_picture_ending(path) && !stack) {
     Picture picture = load_picture(path);
     if (picture.planes.channels() > 1) {

@@ -145,6 +145,20 @@ def test_references_and_guides_are_taken_frame_by_frame(malus, frames, tmp_path)
     assert "one frame per RAW" in run.err
 
 
+def test_frames_are_not_compared_as_one_picture_of_many_channels(malus, refused, frames, tmp_path):
+    stack = np.repeat(frames["flat2"][:1], 65, axis=0)
+    np.save(tmp_path / "codes.npy", stack[:5])
+    np.save(tmp_path / "light.npy", stack.astype(np.float32))
+    for name, last in (("codes.npy", 4), ("light.npy", 64)):
+        line = refused("evaluate", "--reference", tmp_path / name, "--test", tmp_path / name)
+        assert f"{name}: it holds {last + 1} frames; name one of them, from {name}[0] to {name}[{last}]" in line
+    # Packed planes, and colours of whole numbers, are pictures.
+    np.save(tmp_path / "planes.npy", stack[:16].astype(np.float32))
+    np.save(tmp_path / "colour.npy", stack[:3])
+    for name in ("planes.npy", "colour.npy"):
+        malus("evaluate", "--reference", tmp_path / name, "--test", tmp_path / name)
+
+
 def test_a_frame_that_no_stack_has_is_called_what_the_user_called_it(refused, frames, tmp_path):
     np.save(tmp_path / "s.npy", frames["flat2"])
     line = refused("info", tmp_path / "s.npy[99999999999999999999]")
