@@ -7,6 +7,7 @@
 #include "malus/neural/noise_flow.h"
 #include "malus/neural/noise_flow_file.h"
 #include "malus/neural/trainer.h"
+#include "malus/weights/safetensors.h"
 
 #include <cmath>
 #include <set>
@@ -171,6 +172,27 @@ TEST(FlowNoise, ANetworkIsTrainedAndValidatedOnIt) {
       train(training.config, {.folder = training.folder / "run"}, *workers, silent_progress());
   EXPECT_TRUE(record.contains("best_score_db"));
   EXPECT_TRUE(std::filesystem::exists(training.folder / "run/sample/noisy.npy"));
+}
+
+// A layout that nobody knows, gains that fall, and more weights than are there.
+TEST(FlowNoise, FilesThatDescribeThemselvesWrongAreRefusedByName) {
+  const TemporaryFolder folder;
+  known_flow().save(folder / "flow.safetensors", {});
+  const TensorFile whole = load_tensor_file(folder / "flow.safetensors");
+  const auto refused = [&](const nlohmann::json& change) {
+    TensorFile file = whole;
+    nlohmann::json description = nlohmann::json::parse(file.metadata.at("malus_noise_flow"));
+    description.update(change);
+    file.metadata["malus_noise_flow"] = description.dump();
+    save_tensor_file(file, folder / "changed.safetensors");
+    return problem_of([&] { NoiseFlowModel(folder / "changed.safetensors"); });
+  };
+  for (const nlohmann::json& change : std::initializer_list<nlohmann::json>{
+           {{"layout", "bayer-rggx"}},
+           {{"lowest_gain_db", 18}, {"highest_gain_db", 6}, {"gains_db", nlohmann::json::array()}},
+           {{"steps", 64}, {"width", 1024}}})
+    EXPECT_NE(refused(change).find("changed.safetensors: "), std::string::npos) << refused(change);
+  EXPECT_NE(refused({{"steps", 64}, {"width", 1024}}).find("fewer weights"), std::string::npos);
 }
 
 // Files from before the gains were kept tell the lowest and the highest.

@@ -7,6 +7,7 @@
 #include "malus/base/wording.h"
 #include "malus/image/pack.h"
 #include "malus/neural/internal/plane_tensors.h"
+#include "malus/neural/named_source.h"
 #include "malus/neural/network.h"
 #include "malus/neural/noise_flow.h"
 #include "malus/neural/threads.h"
@@ -77,9 +78,17 @@ double spread_of(const Json& json) {
 
 // Gains of pairs, of which the file tells the ends too.
 bool rise_within(const std::vector<double>& gains_db, double lowest_db, double highest_db) {
-  return std::ranges::is_sorted(gains_db) && std::ranges::all_of(gains_db, [&](double db) {
-           return db >= lowest_db && db <= highest_db;
-         });
+  return lowest_db <= highest_db && std::ranges::is_sorted(gains_db) &&
+         std::ranges::all_of(gains_db,
+                             [&](double db) { return db >= lowest_db && db <= highest_db; });
+}
+
+// Before the network is made: few bytes may declare one of many megabytes. Each step has a layer of
+// width x width; where channels is odd there are no steps.
+bool may_hold(const TensorFile& file, int channels, std::int64_t steps, std::int64_t width) {
+  std::size_t bytes = 0;
+  for (const auto& [name, tensor] : file.tensors) bytes += tensor.bytes.size();
+  return channels % 2 != 0 || bytes >= static_cast<std::size_t>(steps * width * width);
 }
 
 torch::Tensor planes_of(View<const float> mosaic, const SensorLayout& layout, double scale) {
@@ -214,11 +223,15 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
                            json.value("gains_db", std::vector<double>{}),
                            json.value("gains_in_iso", false)};
     const std::int64_t steps = json.at("steps"), width = json.at("width");
-    if (std::ssize(sensor.black_dn) != SensorLayout::named(sensor.layout).channels() || steps < 0 ||
-        steps > 64 || width < 1 || width > 1024 || !(sensor.spread_dn >= 0) ||
+    const int channels =
+        naming_source(source, [&] { return SensorLayout::named(sensor.layout).channels(); });
+    if (std::ssize(sensor.black_dn) != channels || steps < 0 || steps > 64 || width < 1 ||
+        width > 1024 || !(sensor.spread_dn >= 0) ||
         !rise_within(sensor.gains_db, sensor.lowest_gain_db, sensor.highest_gain_db) ||
         !(white_above_black(sensor.white_dn, sensor.black_dn) > 0))
       throw InputError(source, "its description does not fit together", kGiveAFlow);
+    if (!may_hold(file, channels, steps, width))
+      throw InputError(source, "holds fewer weights than its description tells of", kGiveAFlow);
     *this = NoiseFlowModel(std::move(sensor), steps, width);
     state_->training = json.value("training", Json());
   } catch (const Json::exception& error) {
