@@ -62,6 +62,8 @@ class NoiseFlow : public torch::nn::Module {
   torch::Tensor log_deviation(const torch::Tensor& clean, const torch::Tensor& gain) const;
 
   std::int64_t channels() const { return channels_; }
+  /// How many rows and columns away inverse() looks: a coupling by two convolutions of 3 x 3.
+  std::int64_t reach() const { return 2 * std::ssize(before_) + 2 * std::ssize(after_); }
 
  private:
   torch::Tensor log_gain(const torch::Tensor& gain) const;  ///< [batch, channel, 1, 1]

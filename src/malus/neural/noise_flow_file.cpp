@@ -136,6 +136,35 @@ Image normals_at(int rows, int cols, const DrawAddress& address) {
   return normals;
 }
 
+// libtorch shares its loops among the threads and rounds at their ends in another way; with one
+// thread the noise is the same, to the last bit, for any number of them.
+struct OneThread {
+  torch::NoGradGuard no_gradients;
+  NetworkThreads network{1};
+};
+
+// What draw gives of strips of the planes, [1, channel, row, col], each made by one thread and cut
+// off its margin of `reach` rows. Bounds and margins are the same for any number of threads.
+// draw(cut): cut gives a tensor's part of the strip.
+template <class Draw>
+torch::Tensor by_strips(const torch::Tensor& planes, std::int64_t reach, const Draw& draw) {
+  constexpr std::int64_t kRows = 128;  // with 8 couplings a quarter of the rows is made twice
+  const std::int64_t rows = planes.size(2);
+  auto out = torch::empty_like(planes);
+  parallel_for(0, rows, kRows, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    const OneThread alone;
+    for (std::int64_t first = begin; first < end; first += kRows) {
+      const std::int64_t last = std::min<std::int64_t>(first + kRows, rows);
+      const std::int64_t above = std::max<std::int64_t>(first - reach, 0);
+      const auto drawn = draw([&](const torch::Tensor& whole) {
+        return whole.slice(2, above, std::min(last + reach, rows)).contiguous();
+      });
+      out.slice(2, first, last).copy_(drawn.slice(2, first - above, last - above));
+    }
+  });
+  return out;
+}
+
 DarkNoise dark_noise(NoiseFlow& network, const torch::Tensor& gain) {
   constexpr int kSide = 64;  // 4096 samples: 2 % of the variance
   const auto side = std::vector<std::int64_t>{1, network.channels(), kSide, kSide};
@@ -290,23 +319,24 @@ Image NoiseFlowModel::draw(View<const float> clean_dn, const GainSetting& gain,
 
 Image NoiseFlowModel::narrowed(View<const float> clean_dn, const GainSetting& gain,
                                const DrawAddress& address, double excess_dn2) const {
-  const torch::NoGradGuard no_gradients;
-  // libtorch shares its loops among the threads and rounds at their ends in another way; with one
-  // thread the noise is the same, to the last bit, for any number of them.
-  const NetworkThreads one_thread(1);
   state_->sensor.require_gain(gain);
   const SensorLayout cell = layout();
   const int rows = clean_dn.rows(), cols = clean_dn.cols();
   const auto clean = planes_of(finite_only(clean_dn).view(), cell, scale_dn()),
+             normals = planes_of(normals_at(rows, cols, address).view(), cell, 1.0),
              log_gain_factor = torch::full({1}, log_gain(gain), torch::kFloat);
-  auto noise = state_->network->inverse(
-      planes_of(normals_at(rows, cols, address).view(), cell, 1.0), clean, log_gain_factor);
-  if (excess_dn2 > 0)
-    noise = without_excess(
-        noise, clean, log_gain_factor, *state_->network,
-        state_->dark.at(*gain.decibel(),
-                        [&] { return dark_noise(*state_->network, log_gain_factor); }),
-        excess_dn2 / (scale_dn() * scale_dn()));
+  NoiseFlow& network = *state_->network;
+  DarkNoise dark;
+  if (excess_dn2 > 0) {
+    const OneThread alone;
+    dark = state_->dark.at(*gain.decibel(), [&] { return dark_noise(network, log_gain_factor); });
+  }
+  const auto noise = by_strips(clean, network.reach(), [&](const auto& cut) {
+    const auto light = cut(clean), drawn = network.inverse(cut(normals), light, log_gain_factor);
+    if (excess_dn2 <= 0) return drawn;
+    return without_excess(drawn, light, log_gain_factor, network, dark,
+                          excess_dn2 / (scale_dn() * scale_dn()));
+  });
   Image noisy(rows, cols);
   unpack(planes_of_tensor(noise), cell, noisy);
   for (int r = 0; r < rows; ++r)
