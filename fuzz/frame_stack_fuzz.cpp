@@ -5,35 +5,11 @@
 #include "malus/io/internal/tiff_frames.h"
 
 #include <initializer_list>
-#include <string>
 
+#include "memory_file.h"
 #include "target.h"
-#include <sys/mman.h>
-#include <unistd.h>
 
-namespace {
-
-// Stacks are read from files, frame by frame: this one lies in memory.
-class MemoryFile {
- public:
-  explicit MemoryFile(std::span<const std::uint8_t> bytes) : file_(::memfd_create("stack", 0)) {
-    for (std::size_t done = 0; done < bytes.size();) {
-      const ssize_t written = ::write(file_, bytes.data() + done, bytes.size() - done);
-      if (written <= 0) __builtin_trap();
-      done += static_cast<std::size_t>(written);
-    }
-  }
-  ~MemoryFile() { ::close(file_); }
-  MemoryFile(const MemoryFile&) = delete;
-  MemoryFile& operator=(const MemoryFile&) = delete;
-  std::filesystem::path path() const { return "/proc/self/fd/" + std::to_string(file_); }
-
- private:
-  int file_;
-};
-
-}  // namespace
-
+// Stacks are read from files, frame by frame.
 void parse_bytes(std::span<const std::uint8_t> bytes) {
   using namespace malus::internal;
   const MemoryFile file(bytes);
