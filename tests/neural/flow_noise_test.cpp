@@ -174,7 +174,8 @@ TEST(FlowNoise, ANetworkIsTrainedAndValidatedOnIt) {
   EXPECT_TRUE(std::filesystem::exists(training.folder / "run/sample/noisy.npy"));
 }
 
-// A layout that nobody knows, gains that fall, and more weights than are there.
+// A layout that nobody knows, a step beyond the range, gains beyond float, gains that fall, and
+// more weights than are there.
 TEST(FlowNoise, FilesThatDescribeThemselvesWrongAreRefusedByName) {
   const TemporaryFolder folder;
   known_flow().save(folder / "flow.safetensors", {});
@@ -189,6 +190,8 @@ TEST(FlowNoise, FilesThatDescribeThemselvesWrongAreRefusedByName) {
   };
   for (const nlohmann::json& change : std::initializer_list<nlohmann::json>{
            {{"layout", "bayer-rggx"}},
+           {{"spread_dn", 1e30}},
+           {{"highest_gain_db", 1e9}},
            {{"lowest_gain_db", 18}, {"highest_gain_db", 6}, {"gains_db", nlohmann::json::array()}},
            {{"steps", 64}, {"width", 1024}}})
     EXPECT_NE(refused(change).find("changed.safetensors: "), std::string::npos) << refused(change);

@@ -83,6 +83,18 @@ bool rise_within(const std::vector<double>& gains_db, double lowest_db, double h
                              [&](double db) { return db >= lowest_db && db <= highest_db; });
 }
 
+// A sensor that draws can be made of: numbers that float holds, a step within the range.
+bool is_possible(const NoiseFlowSensor& sensor, int channels) {
+  constexpr double kMostDn = 0x1p32, kMostGainDb = 1000;
+  if (std::ssize(sensor.black_dn) != channels) return false;
+  const double range_dn = white_above_black(sensor.white_dn, sensor.black_dn);
+  return range_dn > 0 && sensor.white_dn <= kMostDn &&
+         std::ranges::all_of(sensor.black_dn, [](double dn) { return dn >= -kMostDn; }) &&
+         sensor.spread_dn >= 0 && sensor.spread_dn <= range_dn &&
+         std::max(-sensor.lowest_gain_db, sensor.highest_gain_db) <= kMostGainDb &&
+         rise_within(sensor.gains_db, sensor.lowest_gain_db, sensor.highest_gain_db);
+}
+
 // Before the network is made: few bytes may declare one of many megabytes. Each step has a layer of
 // width x width; where channels is odd there are no steps.
 bool may_hold(const TensorFile& file, int channels, std::int64_t steps, std::int64_t width) {
@@ -254,10 +266,7 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
     const std::int64_t steps = json.at("steps"), width = json.at("width");
     const int channels =
         naming_source(source, [&] { return SensorLayout::named(sensor.layout).channels(); });
-    if (std::ssize(sensor.black_dn) != channels || steps < 0 || steps > 64 || width < 1 ||
-        width > 1024 || !(sensor.spread_dn >= 0) ||
-        !rise_within(sensor.gains_db, sensor.lowest_gain_db, sensor.highest_gain_db) ||
-        !(white_above_black(sensor.white_dn, sensor.black_dn) > 0))
+    if (!is_possible(sensor, channels) || steps < 0 || steps > 64 || width < 1 || width > 1024)
       throw InputError(source, "its description does not fit together", kGiveAFlow);
     if (!may_hold(file, channels, steps, width))
       throw InputError(source, "holds fewer weights than its description tells of", kGiveAFlow);
