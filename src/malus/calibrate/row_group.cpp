@@ -24,14 +24,19 @@ struct Shared {
   std::string text() const { return fmt::format("{:.2f} ± {:.2f}", ratio, standard_error); }
 };
 
-// Mean covariance of rows r, r+1 with r % period == phase, relative to the row variance.
-Shared shared(const RowLagAccumulator& rows, int period, int phase, double row_variance_dn2) {
-  Moments covariance;
-  for (int r = phase; r + 1 < rows.rows(); r += period) covariance.add(rows.covariance_dn2(r, 1));
+// Covariances of rows r, r+1, relative to the row variance.
+Shared share_of_rows(const Moments& covariance, double row_variance_dn2) {
   if (covariance.count() < 4 || !(row_variance_dn2 > 0)) return {0.5, 1.0};
   return {covariance.mean() / row_variance_dn2,
           std::sqrt(covariance.variance() / static_cast<double>(covariance.count())) /
               row_variance_dn2};
+}
+
+// Their mean where r % period == phase.
+Shared shared(const RowLagAccumulator& rows, int period, int phase, double row_variance_dn2) {
+  Moments covariance;
+  for (int r = phase; r + 1 < rows.rows(); r += period) covariance.add(rows.covariance_dn2(r, 1));
+  return share_of_rows(covariance, row_variance_dn2);
 }
 
 // Whether the rows are read out in groups of a number that is no power of two: then all pairs of
@@ -57,6 +62,36 @@ std::optional<Estimate<int>> other_group(const RowLagAccumulator& rows, double r
         period, end - pairs.begin(), end - pairs.begin() + 1)};
   }
   return std::nullopt;
+}
+
+// Whether no group of rows explains pairs that share a part of their noise, which drift does: in
+// groups of N rows all pairs but each N-th share all of it, a mean of 1 - 1/N at least. So the mean
+// speaks against large groups, and against each small one all pairs but the least alike phase, if
+// that phase does not stand apart from them.
+bool rows_stand_alone(const RowLagAccumulator& rows, double row_variance_dn2) {
+  constexpr int kLargest = 16;
+  Moments all;
+  for (int r = 0; r + 1 < rows.rows(); ++r) all.add(rows.covariance_dn2(r, 1));
+  const Shared mean = share_of_rows(all, row_variance_dn2);
+  if (!(mean.ratio + kStandardErrors * mean.standard_error < 1.0 - 1.0 / (kLargest + 1)))
+    return false;
+  for (int period = 2; period <= kLargest; ++period) {
+    int end = 0;
+    for (int phase = 1; phase < period; ++phase)
+      if (shared(rows, period, phase, row_variance_dn2).ratio <
+          shared(rows, period, end, row_variance_dn2).ratio)
+        end = phase;
+    Moments inside;
+    for (int r = 0; r + 1 < rows.rows(); ++r)
+      if (r % period != end) inside.add(rows.covariance_dn2(r, 1));
+    const Shared across = shared(rows, period, end, row_variance_dn2),
+                 within = share_of_rows(inside, row_variance_dn2);
+    const double apart = within.ratio - across.ratio;
+    if (!(within.ratio + kStandardErrors * within.standard_error < 1.0 &&
+          apart < kStandardErrors * std::hypot(within.standard_error, across.standard_error)))
+      return false;
+  }
+  return true;
 }
 
 }  // namespace
@@ -103,6 +138,7 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance&
     if (end[i].no()) return 1 << i;
     break;
   }
+  if (rows_stand_alone(rows, row_variance)) return 1;
   const Shared &even = middle[0], &odd = end[0];
   if (odd.yes() && even.no())
     return Undecided{fmt::format(

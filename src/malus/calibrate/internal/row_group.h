@@ -24,9 +24,10 @@ bool row_noise_matters(const RowVariance& row, double temporal_variance_dn2);
 /// row: of the same rows (row_variance_of).
 /// Decides by the covariance of neighbouring rows' means over frames, for pairs inside and across
 /// the groups, relative to the row noise itself: shared is what lies above the middle between
-/// 1 and the smallest ratio (0, or what slow drift gives any two rows). Undecided when a ratio is
-/// within three standard errors of that middle (row noise too weak), or when the groups start on
-/// another row than the first (the frames were cropped).
+/// 1 and the smallest ratio (0, or what slow drift gives any two rows). Where a ratio is within
+/// three standard errors of that middle, the group is 1 if no group of rows explains the ratios:
+/// all alike, and below the 1 of rows that share everything. Undecided otherwise (row noise too
+/// weak), and when the groups start on another row than the first (the frames were cropped).
 Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance& row);
 
 }  // namespace malus
