@@ -2,6 +2,7 @@
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/calibrate/internal/row_drift_fit.h"
 
 #include <algorithm>
 #include <cmath>
@@ -80,7 +81,9 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
   point.variance_dn2 = variance_dn2;
   point.row_variance_dn2 = std::pow(bias.sigma_row.mean[as_index(channel)], 2);
   point.pixels = geometry.channel_pixels(channel);
-  point.row_groups = geometry.channel_groups(channel);
+  const int groups = geometry.channel_groups(channel);
+  point.row_groups = groups / (1.0 + drift_of_variances(bias.row_drift.drift, groups,
+                                                        geometry.group_stride(channel), 0));
   const double pixel = std::max(point.variance_dn2 - point.row_variance_dn2, 0.0);
   point.fourth_cumulant_dn4 = dark_excess_kurtosis(channel, bias) * pixel * pixel;
   point.variance_stderr_dn2 = std::sqrt(variance_error_dn4(0.0, bias.bias_frames, point, 0.0));

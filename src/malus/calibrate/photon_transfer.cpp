@@ -255,7 +255,7 @@ double variance_error_dn4(double shot_dn2, int frames, const DarkPoint& dark,
       gain_dn_per_e * gain_dn_per_e * std::max(shot_dn2, 0.0) + dark.fourth_cumulant_dn4;
   const auto pixels = static_cast<double>(dark.pixels);
   const double gaussian = pixel * pixel / pixels + 2.0 * row * pixel / pixels +
-                          row * row / std::max(dark.row_groups, 1);
+                          row * row / std::max(dark.row_groups, 1.0);
   return 2.0 / (frames - 1.0) * gaussian + fourth_cumulant / (frames * pixels);
 }
 

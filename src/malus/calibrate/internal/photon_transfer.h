@@ -55,7 +55,8 @@ struct DarkPoint {
   double row_variance_dn2 = 0;     ///< σ_b² inside variance_dn2
   double fourth_cumulant_dn4 = 0;  ///< of a pixel's dark noise: above 0 for heavy tails
   std::int64_t pixels = 0;         ///< of the channel
-  int row_groups = 0;
+  /// Draws of row noise in a frame: row groups, fewer where they drift (Σ ρ² of them count as one).
+  double row_groups = 0;
   /// The camera's black level cuts the dark noise off, so that its variance and its mean are not
   /// those of no light: the line does not go through the dark point.
   bool cut_off = false;
