@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/io/gain_json.h"
+#include "malus/noise/level_noise.h"
 #include "malus/noise/physics.h"
 
 #include <algorithm>
@@ -178,14 +179,14 @@ Json gaussian_json(const GaussianCalibration& g) {
   return json;
 }
 
-Json nonparametric_json(const NonparametricCalibration& n) {
+Json nonparametric_json(const NonparametricCalibration& n, double step_dn) {
   Json json = gain_json(n.gain);
   json["frames"] = n.frames;
   Json channels = Json::array();
   for (const NonparametricChannel& channel : n.channels) {
     Values deviation;
     for (std::size_t level = 0; level < channel.level_dn.size(); ++level)
-      deviation.push_back(std::sqrt(level_moments(channel, level).variance_dn2));
+      deviation.push_back(std::sqrt(recorded_variance_dn2(channel, level, step_dn)));
     channels.push_back({{"levels", channel.level_dn},
                         {"samples", channel.samples},
                         {"sd", deviation},
@@ -255,7 +256,8 @@ Json model_json(const NoiseModel& model) {
   for (const auto& p : model.physics) json["gains"].push_back(physics_json(p));
   json["joint"] = model.joint ? joint_json(*model.joint) : Json();
   for (const auto& g : model.gaussian) json["gaussian"].push_back(gaussian_json(g));
-  for (const auto& n : model.nonparametric) json["nonparametric"].push_back(nonparametric_json(n));
+  for (const auto& n : model.nonparametric)
+    json["nonparametric"].push_back(nonparametric_json(n, model.quantization_dn));
   for (const auto& bank : model.dark_frames) json["dark_frames"].push_back(bank_json(bank));
   json["defects"] = model.defects.size();
   return json;

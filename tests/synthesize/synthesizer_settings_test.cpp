@@ -1,6 +1,7 @@
 // What every switch of synthesis means to each kind, and where dark frames are laid.
 #include "malus/base/error.h"
 #include "malus/base/random.h"
+#include "malus/base/statistics.h"
 #include "malus/synthesize/formation.h"
 #include "malus/synthesize/model.h"
 #include "malus/synthesize/synthesizer.h"
@@ -9,6 +10,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <numbers>
 #include <set>
 
 #include "bayer_model.h"
@@ -282,6 +284,43 @@ TEST(Synthesizer, SharesTheModelThatItIsGiven) {
   NoiseModel photo;
   photo.dark_frames = {{.gain = {{}, 400.0}, .frames_dn = {}}};
   EXPECT_EQ(photo.setting_of(400), (GainSetting{{}, 400.0}));
+}
+
+// A fraction of a code above signal zero there are no codes to give back; at zero, where the output
+// is not rounded, the rounding is missing.
+TEST(Synthesizer, NonparametricNoiseNearSignalZeroIsThatOfRoundedFrames) {
+  constexpr double kSd = 0.6;
+  NonparametricChannel channel;
+  channel.level_dn = {0, 1000};
+  channel.samples = {1000, 1000};
+  for (int i = -40; i <= 40; ++i) channel.bin_edges_dn.push_back(0.1 * i);
+  for (const double variance : {kSd * kSd, kSd * kSd + 1.0 / 12}) {
+    const double sd = std::sqrt(variance) * std::numbers::sqrt2;
+    std::vector<double> pmf;
+    for (int i = -40; i < 40; ++i)
+      pmf.push_back(0.5 * (std::erf(0.1 * (i + 1) / sd) - std::erf(0.1 * i / sd)));
+    channel.pmf.push_back(pmf);
+  }
+  NoiseModel model = bayer_model();
+  model.quantization_dn = 1;
+  NonparametricCalibration n;
+  n.gain = {.gain_db = 0.0, .iso = {}};
+  n.channels.assign(4, channel);
+  model.nonparametric.push_back(n);
+  SynthesisSettings settings;
+  settings.kind = "nonparametric";
+  Synthesizer synthesizer(model, settings);
+  for (const float signal : {0.3F, 0.5F}) {
+    const RawFrame frame =
+        synthesizer.draw_raw(Image(600, 400, signal), n.gain, {.seed = 3}, model.black_dn, 4095);
+    Moments noise;
+    for (const float v : frame.dn.values()) noise.add(static_cast<double>(v) - 64);
+    EXPECT_NEAR(noise.variance(), kSd * kSd + 1.0 / 12, 0.01) << signal;
+  }
+  const SyntheticFrame dark = synthesizer.draw(Image(600, 400), n.gain, {.seed = 3});
+  Moments noise;
+  for (const float v : dark.dn.values()) noise.add(static_cast<double>(v));
+  EXPECT_NEAR(noise.variance(), kSd * kSd + 1.0 / 12, 0.01);
 }
 
 }  // namespace

@@ -3,11 +3,13 @@
 #include "malus/base/error.h"
 #include "malus/base/index.h"
 #include "malus/base/normal_distribution.h"
+#include "malus/base/random.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -15,30 +17,39 @@ namespace {
 constexpr double kBinsPerDeviation = 6.0, kReachedDeviations = 7.0;
 constexpr int kBorrowedLevels = 2;
 
-// Where to begin to take row noise of s codes out: near the result, of a histogram that the rows
-// widened more than all else, or the steps are too few to narrow it. Drawn together about its mean
-// to the variance that is left without rows (nor the codes' and the two halves' that a value is
-// shared between); but for a trace of the histogram itself, from which what lies far out comes back
-// at once.
-std::vector<double> start_without_rows(const std::vector<double>& observed, double s) {
-  constexpr double kTrace = 1e-4, kWidened = 1.0 / 3.0, kReach = 6.0;
-  constexpr int kPasses = 3;
+// Mean and variance of a histogram of codes without hot pixels, of which a few are most of it; in
+// codes.
+struct CoreMoments {
   double mean = 0, variance = std::numeric_limits<double>::infinity();
-  for (int pass = 0; pass < kPasses; ++pass) {  // without hot pixels, of which a few are most of it
+};
+CoreMoments core_moments(const std::vector<double>& observed) {
+  constexpr double kReach = 6.0;
+  constexpr int kPasses = 3;
+  CoreMoments core;
+  for (int pass = 0; pass < kPasses && core.variance > 0; ++pass) {
     double total = 0, sum = 0, square = 0;
     for (std::size_t i = 0; i < observed.size(); ++i) {
-      const double away = static_cast<double>(i) - mean;
-      if (std::abs(away) > kReach * std::sqrt(variance)) continue;
+      const double away = static_cast<double>(i) - core.mean;
+      if (std::abs(away) > kReach * std::sqrt(core.variance)) continue;
       total += observed[i];
       sum += observed[i] * away;
       square += observed[i] * away * away;
     }
-    variance = (square - sum * sum / total) / total;
-    mean += sum / total;
-    if (!(variance > 0)) return observed;
+    core.variance = (square - sum * sum / total) / total;
+    core.mean += sum / total;
   }
-  const double left = std::max(variance - s * s - kWidened, 0.0);
-  if (s * s < left) return observed;
+  return core;
+}
+
+// Where to begin to take row noise of s codes out: near the result, of a histogram that the rows
+// widened more than all else, or the steps are too few to narrow it. Drawn together about its mean
+// to the variance that is left without rows (nor that of sharing a value between two codes); but
+// for a trace of the histogram itself, from which what lies far out comes back at once.
+std::vector<double> start_without_rows(const std::vector<double>& observed, double s) {
+  constexpr double kTrace = 1e-4, kRounding = 1.0 / 12.0, kShared = 1.0 / 6.0;
+  const auto [mean, variance] = core_moments(observed);
+  if (!(variance > 0) || s * s < variance - s * s - kRounding) return observed;
+  const double left = std::max(variance - s * s - kShared, 0.0);
   std::vector<double> start(observed.size() + 1, 0.0);
   for (std::size_t i = 0; i < observed.size(); ++i) {
     const double at = mean + std::sqrt(left / variance) * (static_cast<double>(i) - mean);
@@ -51,6 +62,110 @@ std::vector<double> start_without_rows(const std::vector<double>& observed, doub
   start.pop_back();
   return start;
 }
+
+// Parts that make what is left of a code's own width, 1/12 of a part squared, a trifle of the
+// noise.
+int parts_of_code(double variance) {
+  constexpr double kPartsPerDeviation = 8.0;
+  constexpr int kMost = 8;
+  if (!(variance > 0)) return kMost;
+  return std::clamp(static_cast<int>(std::ceil(kPartsPerDeviation / std::sqrt(variance))), 1,
+                    kMost);
+}
+
+constexpr double kLeastTail = 1e-12;  // probability beyond which a tail is not told
+
+// Normal quantile of a probability, from the nearer tail.
+double quantile_of(double below, double above) {
+  return below < above ? normal_quantile(std::max(below, kLeastTail))
+                       : -normal_quantile(std::max(above, kLeastTail));
+}
+
+// Normal probability from a to b, in the tail that is not 1 minus next to nothing.
+double normal_between(double a, double b) {
+  return a > 0 ? normal_cdf(-a) - normal_cdf(-b) : normal_cdf(b) - normal_cdf(a);
+}
+
+// Normal quantiles of the cumulative distribution at the codes' boundaries. Beyond the outermost
+// codes that occur it goes on as in the next ones: it ends nowhere, and where the camera cuts noise
+// off, the last code holds all that lies beyond.
+std::vector<double> quantiles_of(const std::vector<double>& codes) {
+  const std::size_t n = codes.size();
+  std::vector<double> above(n + 1, 0.0), quantile;
+  for (std::size_t i = n; i > 0; --i) above[i - 1] = above[i] + codes[i - 1];
+  double below = 0;
+  for (std::size_t i = 0; i <= n; ++i) {
+    quantile.push_back(quantile_of(below, above[i]));
+    if (i < n) below += codes[i];
+  }
+  std::size_t first = 0, last = n - 1;
+  while (first < last && !(codes[first] > 0)) ++first;
+  while (last > first && !(codes[last] > 0)) --last;
+  if (last - first < 2) return quantile;
+  quantile[first] = 2 * quantile[first + 1] - quantile[first + 2];
+  quantile[last + 1] = 2 * quantile[last] - quantile[last - 1];
+  return quantile;
+}
+
+// Each code's probability among its parts.
+std::vector<double> smooth_within_codes(const std::vector<double>& codes, int parts) {
+  const std::vector<double> quantile = quantiles_of(codes);
+  std::vector<double> out, share(as_index(parts));
+  for (std::size_t i = 0; i < codes.size(); ++i) {
+    const double begin = quantile[i], width = (quantile[i + 1] - begin) / parts;
+    double sum = 0;
+    for (int j = 0; j < parts; ++j)
+      sum += share[as_index(j)] = normal_between(begin + j * width, begin + (j + 1) * width);
+    for (const double s : share) out.push_back(sum > 0 ? codes[i] * s / sum : codes[i] / parts);
+  }
+  return out;
+}
+
+// What the parts of a code, plus normal row noise of s codes, give to each code when rounded.
+class RowBlur {
+ public:
+  RowBlur(double s, int parts)
+      : parts_(parts), reach_(static_cast<std::ptrdiff_t>(std::ceil(6.0 * s)) + 1) {
+    // A uniform part from a to b: difference of the integral of the normal distribution.
+    const auto integral = [s](double x) { return s * mean_above_zero(x / s); };
+    for (std::ptrdiff_t away = -reach_; away <= reach_; ++away)
+      for (int j = 0; j < parts; ++j) {
+        const double low = static_cast<double>(away) - 0.5,
+                     a = -0.5 + static_cast<double>(j) / parts, b = -0.5 + (j + 1.0) / parts;
+        const auto below = [&](double bound) { return integral(bound - a) - integral(bound - b); };
+        kernel_.push_back(std::max(parts * (below(low + 1.0) - below(low)), 0.0));
+      }
+  }
+  std::vector<double> codes_of(const std::vector<double>& parts) const {
+    const auto n = std::ssize(parts) / parts_;
+    std::vector<double> codes(as_index(n), 0.0);
+    visit(n, [&](std::size_t code, std::size_t part, double share) {
+      codes[code] += share * parts[part];
+    });
+    return codes;
+  }
+  std::vector<double> parts_of(const std::vector<double>& codes) const {
+    std::vector<double> parts(codes.size() * as_index(parts_), 0.0);
+    visit(std::ssize(codes), [&](std::size_t code, std::size_t part, double share) {
+      parts[part] += share * codes[code];
+    });
+    return parts;
+  }
+
+ private:
+  template <class Use>
+  void visit(std::ptrdiff_t n, const Use& use) const {
+    for (std::ptrdiff_t from = 0; from < n; ++from)
+      for (std::ptrdiff_t to = std::max<std::ptrdiff_t>(from - reach_, 0);
+           to <= std::min(from + reach_, n - 1); ++to)
+        for (int j = 0; j < parts_; ++j)
+          use(as_index(to), as_index(from * parts_ + j),
+              kernel_[as_index((to - from + reach_) * parts_ + j)]);
+  }
+  int parts_;
+  std::ptrdiff_t reach_;
+  std::vector<double> kernel_;  // [code - the part's own + reach][part]
+};
 
 }  // namespace
 
@@ -100,43 +215,28 @@ std::vector<double> noise_bin_edges(double smallest_sd_dn, double largest_sd_dn,
   return edges;
 }
 
-std::vector<double> without_row_noise(const std::vector<double>& counts, double step_dn,
-                                      double sigma_row_dn) {
+DarkDensity without_row_noise(const std::vector<double>& counts, double step_dn,
+                              double sigma_row_dn) {
   constexpr int kIterations = 200;
-  const auto n = static_cast<std::ptrdiff_t>(counts.size());
   std::vector<double> observed = counts;
   double total = 0.0;
   for (const double c : counts) total += c;
   for (double& p : observed) p /= total;
   const double s = sigma_row_dn / step_dn;
-  if (s < 1e-3) return observed;
-  // Uniform plus normal, rounded: second difference of the integral of the normal distribution.
-  const auto integral = [s](double x) { return s * mean_above_zero(x / s); };
-  const auto reach = static_cast<std::ptrdiff_t>(std::ceil(6.0 * s)) + 1;
-  std::vector<double> kernel;
-  for (std::ptrdiff_t j = -reach; j <= reach; ++j) {
-    const auto x = static_cast<double>(j);
-    kernel.push_back(integral(x + 1) - 2 * integral(x) + integral(x - 1));
-  }
-  const auto blur = [&](const std::vector<double>& p) {  // symmetric: its own transpose
-    std::vector<double> out(p.size(), 0.0);
-    for (std::ptrdiff_t i = 0; i < n; ++i)
-      for (std::ptrdiff_t j = std::max<std::ptrdiff_t>(i - reach, 0);
-           j <= std::min(i + reach, n - 1); ++j)
-        out[as_index(i)] += kernel[as_index(j - i + reach)] * p[as_index(j)];
-    return out;
-  };
-  std::vector<double> p = start_without_rows(observed, s);
+  const int parts = parts_of_code(core_moments(observed).variance);
+  if (s < 1e-3) return {smooth_within_codes(observed, parts), parts};
+  const RowBlur blur(s, parts);
+  DarkDensity out{smooth_within_codes(start_without_rows(observed, s), parts), parts};
   for (int iteration = 0; iteration < kIterations; ++iteration) {
-    std::vector<double> ratio = blur(p);
+    std::vector<double> ratio = blur.codes_of(out.probability);
     for (std::size_t i = 0; i < ratio.size(); ++i)
       ratio[i] = ratio[i] > 0 ? observed[i] / ratio[i] : 0.0;
-    ratio = blur(ratio);
+    const std::vector<double> factor = blur.parts_of(ratio);
     double sum = 0.0;
-    for (std::size_t i = 0; i < p.size(); ++i) sum += p[i] *= ratio[i];
-    for (double& value : p) value /= sum;
+    for (std::size_t i = 0; i < factor.size(); ++i) sum += out.probability[i] *= factor[i];
+    for (double& value : out.probability) value /= sum;
   }
-  return p;
+  return out;
 }
 
 LevelHistograms::LevelHistograms(std::vector<double> edges_dn, double step_dn, double range_dn)

@@ -24,11 +24,19 @@ struct CodeGrid {
 std::vector<double> noise_bin_edges(double smallest_sd_dn, double largest_sd_dn, int bins,
                                     double centre_dn = 0.0, CodeGrid codes = {});
 
-/// Takes normal row noise out of a histogram of codes: the distribution that, uniform inside each
-/// code, plus row noise, rounded, gives the observed one (Richardson, JOSA 62, 1972; Lucy, Astron.
-/// J. 79, 1974). counts: one per code, neighbours adjacent; the result adds to one.
-std::vector<double> without_row_noise(const std::vector<double>& counts, double step_dn,
-                                      double sigma_row_dn);
+/// What lies behind a histogram of codes: the noise before the converter rounds it, in equal parts
+/// of each code, without normal row noise.
+struct DarkDensity {
+  std::vector<double> probability;  ///< `parts` of one code after those of the code before
+  int parts = 1;                    ///< of a code: more where the noise is narrow against it
+};
+/// The distribution that, plus row noise, rounded, gives the observed one: exactly so where there
+/// is no row noise, else by Richardson, JOSA 62, 1972, and Lucy, Astron. J. 79, 1974. Smooth inside
+/// the codes: at the codes' boundaries the cumulative one is known, and between them its normal
+/// quantile is taken for a line, as it is of normal noise. counts: one per code, neighbours
+/// adjacent; the result adds to one.
+DarkDensity without_row_noise(const std::vector<double>& counts, double step_dn,
+                              double sigma_row_dn);
 
 /// Moments of the noise at one level, of its own samples alone.
 struct LevelNoise {
@@ -48,8 +56,8 @@ class LevelHistograms {
   /// A residual of mean zero and an unbiased estimate of its variance, for noise(); freedom: what
   /// it counts for.
   void add_square(double signal_dn, double residual_dn, double square_dn2, double freedom);
-  /// The distribution in the dark, by code: probability i at offset + i * step. It becomes the
-  /// level of signal zero.
+  /// The distribution in the dark before it is rounded, uniform inside equal parts of codes:
+  /// probability i at offset + i * step. It becomes the level of signal zero.
   void set_dark(const std::vector<double>& probability, CodeGrid codes, std::int64_t samples);
 
   struct Result {

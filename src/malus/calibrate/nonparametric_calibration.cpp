@@ -82,17 +82,20 @@ std::vector<LevelHistograms> make_histograms(const RawFrame& first,
   return histograms;
 }
 
-// The dark level: codes as they are, row noise taken out by deconvolution.
+// The dark level: what lies behind the codes, row noise taken out by deconvolution.
 void add_dark_codes(const DarkCodes& dark, const std::vector<double>& black_dn,
                     const std::vector<double>& sigma_row_dn, double step_dn,
                     std::vector<LevelHistograms>& histograms) {
   for (std::size_t c = 0; c < histograms.size(); ++c) {
     std::int64_t first_code = 0;
     const std::vector<double> counts = dark.occurred(static_cast<int>(c), first_code);
-    CodeGrid codes = dark.grid(black_dn[c]);
-    codes.offset_dn += static_cast<double>(first_code) * step_dn;
+    const DarkDensity density = without_row_noise(counts, step_dn, sigma_row_dn[c]);
+    CodeGrid places = dark.grid(black_dn[c]);
+    places.offset_dn += static_cast<double>(first_code) * step_dn - 0.5 * step_dn;
+    places.step_dn = step_dn / density.parts;
+    places.offset_dn += 0.5 * places.step_dn;
     histograms[c].set_dark(
-        without_row_noise(counts, step_dn, sigma_row_dn[c]), codes,
+        density.probability, places,
         static_cast<std::int64_t>(std::accumulate(counts.begin(), counts.end(), 0.0)));
   }
 }

@@ -95,6 +95,41 @@ Cumulative noise_at(const NonparametricChannel& channel, double signal_dn, doubl
   return out;
 }
 
+bool before_rounding(const NonparametricChannel& channel, std::size_t level, double step_dn) {
+  return step_dn > 0 && channel.level_dn[level] == 0;
+}
+
+double recorded_variance_dn2(const NonparametricChannel& channel, std::size_t level,
+                             double step_dn) {
+  return level_moments(channel, level).variance_dn2 +
+         (before_rounding(channel, level, step_dn) ? step_dn * step_dn / 12 : 0.0);
+}
+
+// In bins that are wide against the step a shift by less than a bin moves more than it should: as
+// much of the shifted distribution is taken as brings the variance.
+NonparametricChannel as_recorded(NonparametricChannel channel, double step_dn) {
+  if (!before_rounding(channel, 0, step_dn)) return channel;
+  const double half = 0.5 * step_dn, before = level_moments(channel, 0).variance_dn2;
+  const Cumulative dark = mixture(channel, 0, 0, 0.0);
+  const Integral integral(dark);
+  const Values& edges = channel.bin_edges_dn;
+  const Values own = channel.pmf.front();
+  Values& pmf = channel.pmf.front();
+  double below = 0;
+  for (std::size_t b = 0; b < pmf.size(); ++b) {
+    const double upto =
+        b + 1 == pmf.size()
+            ? 1.0
+            : (integral.to(edges[b + 1] + half) - integral.to(edges[b + 1] - half)) / step_dn;
+    pmf[b] = std::max(upto - below, 0.0);
+    below = std::max(below, upto);
+  }
+  const double added = level_moments(channel, 0).variance_dn2 - before;
+  const double share = std::min(added > 0 ? step_dn * step_dn / 12 / added : 1.0, 1.0);
+  for (std::size_t b = 0; b < pmf.size(); ++b) pmf[b] = share * pmf[b] + (1 - share) * own[b];
+  return channel;
+}
+
 std::vector<double> equal_bins(const Cumulative& noise, double width_dn, int bins, double blur_dn) {
   MALUS_REQUIRE(width_dn > 0 && bins > 0 && blur_dn >= 0);
   const Integral integral(noise);

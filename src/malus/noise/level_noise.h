@@ -1,6 +1,10 @@
 // The noise of a non-parametric model at any signal, not only at the levels that were measured:
 // between two levels a mixture of both by the fractional distance, as sampling does (001, S2);
 // above the brightest one its distribution, widened as shot noise grows.
+//
+// Levels hold the noise of frames as they were recorded, but for that of signal zero where the
+// camera rounds to a step: it holds the noise before rounding, so that rounding a draw at signal
+// zero gives each code as often as the bias frames had it, and at any other signal the right noise.
 #pragma once
 
 #include "malus/noise/calibration.h"
@@ -27,6 +31,14 @@ double spread_above_levels(double variance_dn2, double gain_dn_per_e, double abo
 /// The distribution of noisy - clean at a signal; below the darkest level that one's.
 Cumulative noise_at(const NonparametricChannel& channel, double signal_dn,
                     double gain_dn_per_e = 0);
+
+/// Whether a level holds the noise before the converter's rounding to step_dn (0: none).
+bool before_rounding(const NonparametricChannel& channel, std::size_t level, double step_dn);
+/// Variance of one level's noise, rounding in it.
+double recorded_variance_dn2(const NonparametricChannel& channel, std::size_t level,
+                             double step_dn);
+/// The channel with the rounding in all of its levels.
+NonparametricChannel as_recorded(NonparametricChannel channel, double step_dn);
 
 /// Probabilities of `bins` bins of width_dn, centred on zero; what lies outside counts to the end
 /// bins. blur_dn: width of a uniform distribution that is added first.

@@ -42,12 +42,13 @@ NoiseProfile nonparametric_profile(const NoiseModel& model,
     const NonparametricChannel& measured = calibration.channels[c];
     std::vector<double> variance;
     for (std::size_t level = 0; level < measured.pmf.size(); ++level)
-      variance.push_back(level_moments(measured, level).variance_dn2);
+      variance.push_back(recorded_variance_dn2(measured, level, model.quantization_dn));
     const double K = gain_of_channel(calibration, c);
     profile.channels[c].variance = VarianceCurve::table(measured.level_dn, variance, K);
     // The distributions hold the dark bias as their mean.
     profile.channels[c].bias_dn = level_moments(measured, 0).mean_dn;
-    profile.channels[c].law = NoiseLaw::measured(measured, profile.channels[c].bias_dn, K);
+    profile.channels[c].law = NoiseLaw::measured(as_recorded(measured, model.quantization_dn),
+                                                 profile.channels[c].bias_dn, K);
     if (!calibration.sigma_row_dn.empty())
       profile.channels[c].sigma_row_dn = calibration.sigma_row_dn[c];
     if (!calibration.K.empty()) profile.channels[c].gain_dn_per_e = calibration.K[c];

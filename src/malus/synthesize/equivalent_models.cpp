@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
+#include "malus/noise/level_noise.h"
 #include "malus/synthesize/renoise.h"
 
 #include <algorithm>
@@ -54,10 +55,14 @@ NonparametricCalibration nonparametric_equivalent(const PhysicsNoise& noise,
       measured.level_dn.push_back(white_dn * share * share);
     }
     measured.pmf.resize(measured.level_dn.size());
-    const PixelBins pixel(noise, static_cast<int>(c));
+    PhysicsNoise unrounded = noise;
+    unrounded.quantization_dn = 0;
+    const PixelBins pixel(noise, static_cast<int>(c)), dark(unrounded, static_cast<int>(c));
     parallel_for(0, levels, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
       for (auto l = static_cast<std::size_t>(begin); l < static_cast<std::size_t>(end); ++l) {
-        auto& pmf = measured.pmf[l] = pixel.probabilities(measured.level_dn[l], width, bins);
+        const bool rounded = !before_rounding(measured, l, noise.quantization_dn);
+        auto& pmf = measured.pmf[l] =
+            (rounded ? pixel : dark).probabilities(measured.level_dn[l], width, bins);
         double sum = 0;
         for (const double p : pmf) sum += p;
         for (double& p : pmf) p /= sum;

@@ -113,9 +113,9 @@ void LevelSampler::add_calibrated(const NonparametricChannel& measured, double g
   add_channel(level_dn, measured.bin_edges_dn.size() - 1, shared_places, sigma_row_dn);
   if (shared_places) add_places(measured.bin_edges_dn);
   for (std::size_t l = 0; l <= last; ++l) {
-    const bool codes = rounding.zero_is_codes && measured.level_dn[l] == 0;
+    const bool holds_rounding = !before_rounding(measured, l, rounding.step_dn);
     if (!shared_places)
-      add_places(edges_of_level(measured, l, 1.0, codes ? 0.0 : rounding.step_dn));
+      add_places(edges_of_level(measured, l, 1.0, holds_rounding ? rounding.step_dn : 0.0));
     add_cells(measured.pmf[l]);
   }
   for (const double spread : above.spread) {

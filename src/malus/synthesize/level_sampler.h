@@ -25,12 +25,9 @@ struct LevelDistribution {
 
 /// Whole numbers that both a calibration's frames and a sampler's output are rounded to. The
 /// rounding's variance, q²/12, is taken out by drawing the distributions narrower about their
-/// means.
+/// means; that of signal zero does not hold it (noise/level_noise.h).
 struct LevelRounding {
   double step_dn = 0;  ///< 0: output is not rounded
-  /// Signal zero stays as wide as it is: it was measured code by code, and rounding a draw gives
-  /// the code again. Not so between two measured gains, where no bin is a code.
-  bool zero_is_codes = true;
 };
 
 class LevelSampler {

@@ -8,12 +8,14 @@
 #include "malus/base/statistics.h"
 #include "malus/base/wording.h"
 #include "malus/noise/interpolate_kinds.h"
+#include "malus/noise/level_noise.h"
 #include "malus/synthesize/exact.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -92,12 +94,6 @@ std::vector<GaussianChannel> gaussian_channels(const GaussianCalibration& calibr
          .offset_dn2 = settings.read ? calibration.offset_dn2[c] - rounding_dn2 : 0.0,
          .mu_dn = settings.bias && !calibration.bias_dn.empty() ? calibration.bias_dn[c] : 0.0});
   return channels;
-}
-
-// Not interpolated between two gains.
-bool is_measured(const NoiseModel& model, const NonparametricCalibration& calibration) {
-  return std::any_of(model.nonparametric.begin(), model.nonparametric.end(),
-                     [&](const auto& measured) { return measured.gain == calibration.gain; });
 }
 
 // Dark frames bring all but the shot noise with them.
@@ -234,12 +230,14 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
     for (const NonparametricChannel& channel : calibration.channels)
       tables.global_bias_dn +=
           level_moments(channel, 0).mean_dn / static_cast<double>(calibration.channels.size());
-    tables.levels.emplace(model_->layout, calibration, row_group, highest_dn);
+    NonparametricCalibration recorded = calibration;
+    for (NonparametricChannel& channel : recorded.channels)
+      channel = as_recorded(std::move(channel), model_->quantization_dn);
+    tables.levels.emplace(model_->layout, recorded, row_group, highest_dn);
     tables.level_ranges = level_ranges(calibration);
     if (model_->quantization_dn > 0)
-      tables.rounded_levels.emplace(
-          model_->layout, calibration, row_group, highest_dn,
-          LevelRounding{model_->quantization_dn, is_measured(*model_, calibration)});
+      tables.rounded_levels.emplace(model_->layout, calibration, row_group, highest_dn,
+                                    LevelRounding{model_->quantization_dn});
     return tables;
   }
   tables.parameters.emplace(*model_,
