@@ -91,7 +91,10 @@ LogLinear fit_signed_law(const Values& x, const Series& series) {
   Values weight;
   for (std::size_t i = 0; known && i < x.size(); ++i) weight.push_back(1 / (error[i] * error[i]));
   const LineFit fit = fit_line(x, series.value, weight);
-  LogLinear law{.slope = fit.slope, .intercept = fit.intercept, .signed_linear = true};
+  LogLinear law;
+  law.slope = fit.slope;
+  law.intercept = fit.intercept;
+  law.signed_linear = true;
   double chi_square = 0;
   for (std::size_t i = 0; i < x.size(); ++i) {
     law.residual.push_back(series.value[i] - fit.intercept - fit.slope * x[i]);
