@@ -130,6 +130,12 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
   for (const FilledPixel& p : frame.filled) variance_dn2(p.row, p.col) += p.variance_dn2;
 }
 
+// Where blocks have no copies, as in crisp stripes at low light, an estimate errs by more than it
+// states; a mix states what Stein's estimate has found of it (docs/denoising-experiments.md,
+// "Pixels that are alike").
+constexpr float kErrorOfStated = 1.4f;
+
+// report.cell_error becomes what average_alike_pixels takes for the error.
 internal::FrameTiles filter_stabilised(const FrameSource& frame, const DenoiseSettings& settings,
                                        const internal::MemoryBudget& memory, Image& estimate,
                                        const internal::FrameReport& report, Progress& progress) {
@@ -139,7 +145,10 @@ internal::FrameTiles filter_stabilised(const FrameSource& frame, const DenoiseSe
   const internal::FrameTiles tiles = internal::filter_frame(
       frame, mosaic_filter_plan(settings.method, settings.profile, frame.layout), memory, estimate,
       report, progress);
-  if (mix) internal::mix_bm3d(*mix, frame.pixel, *report.cell_error, estimate, progress);
+  if (mix)
+    internal::mix_bm3d(*mix, frame.pixel, *report.cell_error, estimate, progress);
+  else
+    for (float& error : report.cell_error->values()) error *= kErrorOfStated;
   return tiles;
 }
 

@@ -31,7 +31,7 @@ constexpr float kLeastDeviation = 0.3f;  // of the guide's error
 // Where the estimate's residual lacks less of the noise than the first share nothing is changed,
 // from the second on all that is to be gained: even light lacks up to the first by chance. It
 // states less error than the third share, and has to lack by so much more.
-constexpr float kLeastLack = 0.07f, kEnoughLack = 0.14f, kErrorOfDetail = 0.02f;
+constexpr float kLeastLack = 0.07f, kEnoughLack = 0.14f, kErrorOfDetail = 0.025f;
 // What is gained is asked of small neighbourhoods (deviation and radius in cells), and this many
 // standard errors are taken off.
 constexpr float kGainDeviation = 2.5f;
