@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Crisp, printed, textured and smooth scenes by several methods: the last table of "Pixels that are alike" in docs/denoising-experiments.md.
 
-    PYTHONPATH=build/release/python /usr/bin/python3 bench/like_pixels.py [--layouts LAYOUT...] [--methods METHOD[/PROFILE]...] [--pictures PICTURE...]
+    PYTHONPATH=build/release/python /usr/bin/python3 bench/like_pixels.py [--layouts LAYOUT...] [--methods METHOD[/PROFILE]...] [--pictures PICTURE...] [--errors]
 
 A NumPy camera (Poisson, 0.4 DN/e-, read noise 2.4 e-, 12 bit), calibrated from its own frames; 256 pixels, 100, 500 and 3000 electrons for white. Prints the image PSNR [dB] per kind
-of scene and light. The letters are DejaVu Sans, of Debian's package fonts-dejavu-core.
+of scene and light; with --errors, squared error over what is stated of it (geometric mean) and how often two stated deviations hold the truth [%], of the first two lights. The letters are DejaVu Sans, of Debian's package fonts-dejavu-core.
 """
 import argparse
 import warnings
@@ -138,15 +138,28 @@ def calibrated(layout, random):
     return malus.calibrate(sets, layout=layout, black=BLACK, white=WHITE)
 
 
-def psnr_db(scene, layout, light, model, methods):
+def denoised(scene, layout, light, model, method, variance=False):
+    """The error of every pixel and what is stated of its square, DN."""
     electrons = light * scene.seen_by(layout)
     frame = malus.Frame(exposed(electrons, np.random.default_rng(99)), layout, black=BLACK, white=WHITE, gain_db=0)
-    out = []
-    for method in methods:
-        name, _, profile = method.partition("/")
-        dn = malus.denoise(frame, model=model, gain=0, method=name, profile=profile or "normal")["dn"]
-        out.append(10 * np.log10(light**2 / np.mean((dn / GAIN_DN_PER_E - electrons)**2)))
-    return out
+    name, _, profile = method.partition("/")
+    result = malus.denoise(frame, model=model, gain=0, method=name, profile=profile or "normal", variance=variance)
+    return result["dn"] - GAIN_DN_PER_E * electrons, result["variance"] if variance else None
+
+
+def psnr_of(scenes, layout, model, method):
+    def psnr_db(scene, light):
+        error, _ = denoised(scene, layout, light, model, method)
+        return 10 * np.log10((GAIN_DN_PER_E * light)**2 / np.mean(error**2))
+
+    return ", ".join(f"{np.mean([psnr_db(scene, light) for scene in scenes]):.2f}" for light in LIGHTS)
+
+
+def honesty_of(scenes, layout, model, method):
+    pairs = [denoised(scene, layout, light, model, method, variance=True) for scene in scenes for light in LIGHTS[:2]]
+    ratio = np.exp(np.mean([np.log(np.mean(error**2) / np.mean(stated)) for error, stated in pairs]))
+    held = np.mean([np.mean(error**2 < 4 * stated) for error, stated in pairs])
+    return f"{ratio:.2f}, {100 * held:.1f}"
 
 
 def main():
@@ -154,6 +167,7 @@ def main():
     parser.add_argument("--layouts", nargs="+", default=["mono", "bayer-rggb", "polar-mono", "polar-bayer-rggb"])
     parser.add_argument("--methods", nargs="+", default=["nl-ridge", "nl-ridge/fast", "bm3d"])
     parser.add_argument("--pictures", nargs="+", default=[])
+    parser.add_argument("--errors", action="store_true")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     groups = {group: [scene_of(kind, np.random.default_rng(7)) for kind in kinds] for group, kinds in KINDS.items()}
@@ -163,8 +177,8 @@ def main():
         model = calibrated(layout, np.random.default_rng(1))
         print(f"{layout}, at {', '.join(map(str, LIGHTS))} electrons\n\n| scene | " + " | ".join(options.methods) + " |\n|---|" + "---|" * len(options.methods))
         for group, scenes in groups.items():
-            means = np.mean([[psnr_db(scene, layout, light, model, options.methods) for light in LIGHTS] for scene in scenes], axis=0)
-            print(f"| {group} | " + " | ".join(", ".join(f"{v:.2f}" for v in column) for column in means.T) + " |", flush=True)
+            measured = honesty_of if options.errors else psnr_of
+            print(f"| {group} | " + " | ".join(measured(scenes, layout, model, method) for method in options.methods) + " |", flush=True)
         print()
 
 

@@ -44,7 +44,6 @@ constexpr float kLeastShare = 0.05f;  // of the noise, for that ratio
 // A mean errs by its own sample's share of the noise, were all of its pixels alike and counted
 // alike. With those along edges it is this many times as much.
 constexpr float kOwnAtEdges = 5.0f;
-constexpr float kLeastError = 1e-3f;
 // A pixel that is most of its own mean has no like around it, as a star.
 constexpr float kMostOwn = 0.7f;
 constexpr int kBandCells = 8;  // rows of cells of a task
@@ -230,10 +229,9 @@ class Averaging {
     const Shares shares{
         share_of(cells_.gain_common(i, k), common),
         share_of(cells_.gain(i, k) - cells_.gain_common(i, k), cells_.energy(i, k) - common)};
-    float& error = strip_.cell_error(i, k);
-    const float before = std::max(std::min(error, noise), kLeastError);
     if (shares.common > 0 || shares.unlike > 0)
-      change_cell(i, k, shares, std::max(1 - gained / before, 0.0f));
+      change_cell(i, k, shares, std::max(1 - gained / noise, 0.0f));
+    float& error = strip_.cell_error(i, k);
     error = std::min(std::max(error - gained, kOwnAtEdges * cells_.own(i, k)), error);
     cells_.gate(i, k) *= ramp(certain / noise, kWorthwhile, 2 * kWorthwhile);
   }
