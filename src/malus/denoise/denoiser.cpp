@@ -135,19 +135,21 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
 // "Pixels that are alike").
 constexpr float kErrorOfStated = 1.4f;
 
-// report.cell_error becomes what average_alike_pixels takes for the error.
+// report.cell_error becomes what average_alike_pixels takes for the error; it is not filled where
+// nothing asks for it.
 internal::FrameTiles filter_stabilised(const FrameSource& frame, const DenoiseSettings& settings,
                                        const internal::MemoryBudget& memory, Image& estimate,
-                                       const internal::FrameReport& report, Progress& progress) {
+                                       internal::FrameReport report, Progress& progress) {
   std::optional<internal::Bm3dMix> mix;
   if (internal::mixes_bm3d(settings.method, settings.profile, frame.layout))
     mix = internal::plan_bm3d_mix(settings.profile, frame.rows, frame.cols, memory);
+  if (!mix && !settings.like_pixels) report.cell_error = nullptr;
   const internal::FrameTiles tiles = internal::filter_frame(
       frame, mosaic_filter_plan(settings.method, settings.profile, frame.layout), memory, estimate,
       report, progress);
   if (mix)
     internal::mix_bm3d(*mix, frame.pixel, *report.cell_error, estimate, progress);
-  else
+  else if (report.cell_error)
     for (float& error : report.cell_error->values()) error *= kErrorOfStated;
   return tiles;
 }
