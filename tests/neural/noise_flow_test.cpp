@@ -103,16 +103,21 @@ NoiseFlowModel model_with_random_weights(std::int64_t couplings, std::int64_t wi
   return model;
 }
 
-TEST(NoiseFlow, LearnsAHeteroscedasticGaussian) {
-  std::vector<NoiseFlowPair> pairs;
-  for (std::uint32_t frame = 0; frame < 4; ++frame) pairs.push_back(simulated_pair(frame));
+// Of a small flow.
+NoiseFlowSettings brief_training(int steps) {
   NoiseFlowSettings settings;
   settings.couplings = 2;
   settings.width = 4;
-  settings.steps = 120;
+  settings.steps = steps;
   settings.batch = 4;
   settings.crop = 16;
-  auto fit = train_noise_flow(sensor(), pairs, settings, 3);
+  return settings;
+}
+
+TEST(NoiseFlow, LearnsAHeteroscedasticGaussian) {
+  std::vector<NoiseFlowPair> pairs;
+  for (std::uint32_t frame = 0; frame < 4; ++frame) pairs.push_back(simulated_pair(frame));
+  auto fit = train_noise_flow(sensor(), pairs, brief_training(120), 3);
   const testing::TemporaryFolder folder;
   fit.model.save(folder / "flow.safetensors", fit.record);
   NoiseFlowModel model(folder / "flow.safetensors");
@@ -153,13 +158,7 @@ TEST(NoiseFlow, TheDarkOfALowGainIsLearntBesideAHighGain) {
       }
     pairs.push_back(std::move(pair));
   }
-  NoiseFlowSettings settings;
-  settings.couplings = 2;
-  settings.width = 4;
-  settings.steps = 60;
-  settings.batch = 4;
-  settings.crop = 16;
-  const auto fit = train_noise_flow(sensor(), pairs, settings, 3);
+  const auto fit = train_noise_flow(sensor(), pairs, brief_training(60), 3);
   for (const NoiseFlowPair& pair : pairs)
     for (const auto& [from, to] : {std::pair{0, 32}, {32, 96}, {96, 128}}) {
       const Image drawn = fit.model.draw(pair.clean_dn.view(), pair.gain, {.seed = 1});
