@@ -20,8 +20,9 @@ struct TileSize {
 // How far a tile's pixels and their surroundings reach, inside the frame and beyond it.
 struct Reach {
   int inside, beyond;
-  Reach(const MosaicFilterPlan& plan, const SensorLayout& layout, const FrameReport& report)
-      : inside(mosaic_filter_reach(plan, layout, report.error || report.cell_error) +
+  Reach(const MosaicFilterPlan& plan, const SensorLayout& layout, const FrameReport& report,
+        int repeat_reach)
+      : inside(mosaic_filter_reach(plan, layout, report.error || report.cell_error, repeat_reach) +
                (report.cell_error ? kCell : 0)),
         beyond(std::min(mosaic_filter_border(plan, layout), inside)) {}
 };
@@ -45,8 +46,8 @@ constexpr double kHeldBelow = 2, kHeldAfter = 1;
 
 // The memory that a frame takes at least, all of its scales.
 double least_bytes(int rows, int cols, const MosaicFilterPlan& plan, const SensorLayout& layout,
-                   const FrameReport& report) {
-  const Reach reach(plan, layout, report);
+                   const FrameReport& report, int repeat_reach) {
+  const Reach reach(plan, layout, report, repeat_reach);
   const double side = kLeastCore + 2.0 * reach.inside;
   const double tile = kBytesPerTilePixel * std::min(side * side, frame_pixels(rows, cols, reach));
   const auto coarse = plan.coarse.empty() ? std::nullopt : coarse_size(rows, cols, layout);
@@ -54,7 +55,7 @@ double least_bytes(int rows, int cols, const MosaicFilterPlan& plan, const Senso
   const double frame = kBytesPerValue * coarse->rows * coarse->cols;
   return std::max(tile + kHeldAfter * frame,
                   kHeldBelow * frame +
-                      least_bytes(coarse->rows, coarse->cols, plan.coarse.front(), layout, {}));
+                      least_bytes(coarse->rows, coarse->cols, plan.coarse.front(), layout, {}, 0));
 }
 
 // [begin, end) of the frame along one side, and what a tile holds of it with its surroundings.
@@ -125,7 +126,10 @@ FrameTiles filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, 
                         Image& estimate, const FrameReport& report, Progress& progress) {
   const SensorLayout& layout = frame.layout;
   const int rows = frame.rows, cols = frame.cols;
-  const double least = least_bytes(rows, cols, plan, layout, report);
+  CellStatistics statistics = measure_cells(frame);
+  if (plan.repeats) statistics.repeats = find_repeats(frame);
+  const int repeat_reach = statistics.repeats.reach();
+  const double least = least_bytes(rows, cols, plan, layout, report, repeat_reach);
   if (least > memory.bytes()) memory.refuse(least, rows, cols);
   const bool with_error = report.error || report.cell_error;
   // One coarse scale, as Wiener filters have, tells no even light: slow light is alike there too.
@@ -133,9 +137,8 @@ FrameTiles filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, 
   std::optional<CoarseScale> coarse =
       filter_coarse(frame, plan, memory, report.unlike || (with_error && many_scales), progress);
   if (coarse) memory = memory.holding(kHeldAfter * static_cast<double>(coarse->estimate.size()));
-  const Reach reach(plan, layout, report);
+  const Reach reach(plan, layout, report, repeat_reach);
   const TileSize size = plan_tiles(rows, cols, reach, memory);
-  const CellStatistics statistics = measure_cells(frame);
   const int down = (rows + size.rows - 1) / size.rows;
   const int across = (cols + size.cols - 1) / size.cols;
   progress.begin("denoising", down * across);

@@ -160,6 +160,7 @@ Image filter_mosaic(const internal::StackTile& noisy, int frame_rows, int frame_
   input.frame_cols = frame_cols;
   input.rotations = &statistics.rotations;
   input.axes_prior = &statistics.axes_prior;
+  if (plan.repeats) input.repeats = &statistics.repeats;
   MALUS_REQUIRE(!plan.hard.empty() && plan.guided.size() >= (plan.large ? 2 : 1));
   Image pilot;
   {

@@ -27,10 +27,10 @@ constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
 // A ninth of a pass's references tells enough of the pilot.
 constexpr int kSurveyStep = 21;
 
-int reach_of(const StackStage& stage, int period) {
+int reach_of(const StackStage& stage, int period, int repeat_reach) {
   // A pixel lies in stacks whose reference is up to search + block away, and their members reach as
   // far again.
-  return 2 * (stage.search_reach() * period + stage.block());
+  return 2 * (std::max(stage.search_reach() * period, repeat_reach) + stage.block());
 }
 
 // Plans of one method for one layout.
@@ -62,6 +62,11 @@ class PlanMaker {
          .detail_threshold = detail(last_),
          .coarse = {small_blocks()}},
         11, 64);
+  }
+  // Of the frame's own size alone, as the wide search of colour polarization is.
+  MosaicFilterPlan with_repeats(MosaicFilterPlan plan) const {
+    plan.repeats = far_step_ > 1;
+    return plan;
   }
 
  private:
@@ -153,25 +158,25 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
   const PlanMaker plan(named.filter, layout);
   switch (denoise_profile(profile)) {
     case DenoiseProfile::kFast:
-      return plan.fast();
+      return plan.with_repeats(plan.fast());
     case DenoiseProfile::kHigh:
-      return plan.high();
+      return plan.with_repeats(plan.high());
     case DenoiseProfile::kNormal:
       break;
   }
-  return plan.normal();
+  return plan.with_repeats(plan.normal());
 }
 
-int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout, bool with_error) {
+int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout, bool with_error,
+                        int repeat_reach) {
   const int period = std::max(layout.rows(), layout.cols());
+  const auto of = [&](const StackStage& stage) { return reach_of(stage, period, repeat_reach); };
   int reach = 0;
-  for (const StackStage& stage : plan.hard)
-    reach = std::max(reach, reach_of(stage, period) + kCell);
-  for (const StackStage& stage : plan.guided) reach += reach_of(stage, period);
+  for (const StackStage& stage : plan.hard) reach = std::max(reach, of(stage) + kCell);
+  for (const StackStage& stage : plan.guided) reach += of(stage);
   if (plan.survey) reach += internal::doubt_reach(plan.survey->step);
   if (plan.large)
-    reach += std::max(reach_of(*plan.large, period) - reach_of(plan.guided.front(), period), 0) +
-             internal::kMixReach;
+    reach += std::max(of(*plan.large) - of(plan.guided.front()), 0) + internal::kMixReach;
   if (with_error) reach += internal::stated_error_reach(period);
   return reach + (plan.detail_threshold > 0 ? internal::kDetailBlock : 0);
 }

@@ -40,6 +40,7 @@ set(denoise_SOURCES
     pilot_doubt.cpp
     preparation.cpp
     quiet_patches.cpp
+    repeats.cpp
     row_deviation.cpp
     row_evidence.cpp
     row_noise.cpp

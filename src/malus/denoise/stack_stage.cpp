@@ -81,6 +81,16 @@ Range references(int square, int square_size, int step, int block, int origin, i
   return {on_grid(first) - origin, std::max(last, first) - origin};
 }
 
+// Whether one of the stage's searches takes a step.
+bool in_a_window(const StackJob& job, const RepeatStep& step) {
+  const auto holds = [&](int far) {
+    const int rows = job.period_rows * far, cols = job.period_cols * far;
+    return step.rows % rows == 0 && step.cols % cols == 0 &&
+           std::abs(step.rows) <= job.search * rows && std::abs(step.cols) <= job.search * cols;
+  };
+  return holds(1) || holds(job.far_step);
+}
+
 StackJob make_job(const StageInput& input, const StackStage& stage) {
   const Image& pixels = input.noisy->pixels;
   StackJob job{};
@@ -103,6 +113,9 @@ StackJob make_job(const StageInput& input, const StackStage& stage) {
   job.axes_prior = stage.axes_prior;
   job.period_rows = input.period_rows;
   job.period_cols = input.period_cols;
+  if (input.repeats)
+    job.repeats =
+        input.repeats->where([&job](const RepeatStep& step) { return !in_a_window(job, step); });
   fill_dct(stage.block_cells, job.dct);
   job.window = kaiser_cells(stage.block_cells);
   job.rotations = input.rotations;
@@ -129,8 +142,9 @@ void make_grid(const StackJob& job, ReferenceMap& map, ReferenceValues<float>& v
 // the sums have one order whatever the number of threads.
 void filter_all(const StackJob& job, const StageInput& input, const StackStage& stage,
                 Progress& progress) {
-  const int reach_rows = stage.search_reach() * job.period_rows,
-            reach_cols = stage.search_reach() * job.period_cols;
+  const int repeats = job.repeats.reach();
+  const int reach_rows = std::max(stage.search_reach() * job.period_rows, repeats),
+            reach_cols = std::max(stage.search_reach() * job.period_cols, repeats);
   const int size_rows = 2 * reach_rows + stage.block() + 1;
   const int size_cols = 2 * reach_cols + stage.block() + 1;
   const int first_row = floor_div(job.row0, size_rows);

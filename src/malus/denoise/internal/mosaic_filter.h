@@ -9,6 +9,7 @@
 // docs/denoising-experiments.md.
 #pragma once
 
+#include "malus/denoise/internal/repeats.h"
 #include "malus/denoise/internal/stack_stage.h"
 #include "malus/image/layout.h"
 
@@ -27,6 +28,7 @@ struct MosaicFilterPlan {
   /// A Wiener filter by a few references, whose evidence says how far the first pilot is doubted;
   /// none: not at all.
   std::optional<internal::StackStage> survey = std::nullopt;
+  bool repeats = false;        ///< stages look after the frame's steps too (repeats.h)
   float detail_threshold = 0;  ///< after the last pass (detail_shrinkage.h); 0: none is shrunk
   /// How the frame of half the size is filtered, which corrects the low frequencies
   /// (coarse_scale.h): one plan, or none for no such correction.
@@ -38,9 +40,9 @@ MosaicFilterPlan mosaic_filter_plan(const std::string& method, const std::string
                                     const SensorLayout& layout);
 
 /// An output pixel depends on no input further away than this, in rows or columns; with_error: nor
-/// does its expected error. Even.
+/// does its expected error. repeat_reach: of the frame's repeats. Even.
 int mosaic_filter_reach(const MosaicFilterPlan& plan, const SensorLayout& layout,
-                        bool with_error = false);
+                        bool with_error = false, int repeat_reach = 0);
 
 /// Nor on any pixel this far beyond the frame's border: references touch the frame, and only blocks
 /// near them may lie outside. Even.
@@ -55,6 +57,7 @@ struct CellStatistics {
   /// decides the axes of what its pilot does not tell from noise.
   std::vector<internal::CellMatrix> axes_prior;
   std::vector<internal::CellMatrix> smoothing;  ///< linear minimum mean-square estimate of a cell
+  internal::Repeats repeats;
 };
 
 /// Stabilised pixel of the frame, row and col inside it.
@@ -72,7 +75,7 @@ inline FrameSource source_of(const Image& frame, const SensorLayout& layout) {
           frame.cols()};
 }
 
-/// From at most about 65,000 cells per alignment, spread over the frame.
+/// All but the repeats, from at most about 65,000 cells per alignment, spread over the frame.
 CellStatistics measure_cells(const FrameSource& frame);
 
 /// Position inside [0, size) that stands for `position` beyond the border: mirrored by whole

@@ -1,6 +1,7 @@
 // What the vectorised inner loops of the mosaic filter work on: plain pointers into one tile.
 #pragma once
 
+#include "malus/denoise/internal/repeats.h"
 #include "malus/denoise/internal/stack_stage.h"
 
 #include <algorithm>
@@ -65,6 +66,7 @@ struct StackJob {
   float threshold;
   float axes_prior;
   int period_rows, period_cols;
+  Repeats repeats;  ///< that the windows do not hold
   float dct[kMaxBlockCells][kMaxBlockCells];
   std::vector<CellVector> window;  ///< per cell of the block
   const std::vector<CellMatrix>* rotations;

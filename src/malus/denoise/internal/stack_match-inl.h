@@ -190,6 +190,44 @@ HWY_INLINE void measure_far(const StackJob& job, int row, int col, const Lattice
   found.set_count(found.count - (up + down + 1) * (left + right + 1), found.slots);
 }
 
+template <int kBlock>
+HWY_INLINE float squared_distance(const float* a, const float* b, std::ptrdiff_t stride) {
+  Floats8 sum{};
+  for (int r = 0; r < kBlock; ++r)
+    for (int c = 0; c < kBlock; c += 8) {
+      Floats8 difference, other;
+      load(a + r * stride + c, difference);
+      load(b + r * stride + c, other);
+      difference -= other;
+      sum = fused(difference, difference, sum);
+    }
+  float lanes[8], total = 0;
+  store(sum, lanes);
+  for (const float lane : lanes) total += lane;
+  return total;
+}
+
+/// Adds the blocks in the frame at the steps after which it repeats.
+template <int kBlock>
+HWY_INLINE void measure_repeats(const StackJob& job, int row, int col, Candidates& found) {
+  const Area area = Area::frame(job);
+  const float* reference = job.guide + row * job.stride + col;
+  int slots = found.slots;
+  for (const RepeatStep& step : job.repeats.at(job.row0 + row, job.col0 + col)) {
+    const int top = row + step.rows, left = col + step.cols;
+    if (top < area.top || left < area.left || top + kBlock > area.bottom ||
+        left + kBlock > area.right)
+      continue;
+    const auto offset = static_cast<std::int32_t>(step.rows * job.stride) + step.cols;
+    const float distance =
+        kFarFactor * squared_distance<kBlock>(reference, reference + offset, job.stride);
+    found.put(slots++,
+              std::bit_cast<std::int32_t>(distance) & std::numeric_limits<std::int32_t>::max(),
+              offset);
+  }
+  found.set_count(found.count + slots - found.slots, slots);
+}
+
 /// What the search for one block needs, for all references of a thread.
 struct Search {
   Lattices lattices;
@@ -199,7 +237,7 @@ struct Search {
   Search(const StackJob& job, const ReferenceBlock& block, int side)
       : lattices(job, {job, 1}, block, side),
         all((2 * job.search + 1) * (2 * job.search + 8)),
-        wide(all.most()),
+        wide(all.most() + kMostRepeatSteps),
         near(2 * all.most()),
         rest(2 * all.most()),
         nearest(2 * all.most()) {
@@ -217,6 +255,7 @@ HWY_INLINE int find_nearest(const StackJob& job, int row, int col, Search& searc
   split<false>(search.all, near, search.nearest, search.rest);
   if (!search.far) return search.all.count;
   measure_far<kBlock>(job, row, col, *search.far, search.wide);
+  measure_repeats<kBlock>(job, row, col, search.wide);
   // Of equal distances the near block comes first, so far ones must be nearer than all of them.
   std::int32_t limit = kFarthest;
   if (near == wanted)

@@ -63,6 +63,8 @@ struct ReferenceMap {
   Image values;                      ///< 0 where there is no reference
 };
 
+class Repeats;
+
 struct StageInput {
   const StackTile* noisy;  ///< unit noise
   const Image* guide;  ///< same size: where blocks are compared; after the hard filter the pilot
@@ -72,6 +74,7 @@ struct StageInput {
   /// period_cols], and the matrices that pull a stack's axes towards them.
   const std::vector<CellMatrix>* rotations = nullptr;
   const std::vector<CellMatrix>* axes_prior = nullptr;
+  const Repeats* repeats = nullptr;  ///< of the frame, for stages with a wide search
   /// How far the pilot is doubted (pilot_doubt.h), of guided passes; null: 1 everywhere.
   const ReferenceMap* doubt = nullptr;
 };
