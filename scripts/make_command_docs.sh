@@ -27,5 +27,8 @@ document() {
   echo
   echo "A file that holds several frames, a [stack](session.md#stacks), counts as its frames where a command takes several, and"
   echo "results are named by them: \`stack_000_denoised.tif\`. \`stack.tif[3]\` names one of them, counted from 0."
+  echo
+  echo "Commands that write results of raw frames, one by one, read the headers of all of them first. Where a later frame or picture"
+  echo "turns out to be damaged, or Ctrl-C ends the run, the results of those before it are printed all the same."
   document
 } > docs/commands.md

@@ -93,16 +93,18 @@ void add_info(CLI::App& app, Common& common) {
         const FrameOptions options = arguments->raw.resolve();
         Json frames = Json::array();
         std::string text;
-        for (const auto& file : arguments->files) {
-          const auto frame = first_frame(file, options.raw_format.has_value());
-          const Findings findings = findings_of(load_frame_info(frame, options));
-          for (const auto& warning : findings.warnings)
-            warn(fmt::format("{}: {}", frame.string(), warning));
-          frames.push_back(findings_json(findings));
-          if (!text.empty()) text += '\n';
-          text += findings_text(findings);
-        }
-        print_result(common, frames.size() == 1 ? frames[0] : Json{{"frames", frames}}, text);
+        const auto work = [&] {
+          for (const auto& file : arguments->files) {
+            const auto frame = first_frame(file, options.raw_format.has_value());
+            const Findings findings = findings_of(load_frame_info(frame, options));
+            for (const auto& warning : findings.warnings)
+              warn(fmt::format("{}: {}", frame.string(), warning));
+            frames.push_back(findings_json(findings));
+            if (!text.empty()) text += '\n';
+            text += findings_text(findings);
+          }
+        };
+        work_and_print(work, [&] { print_frames(common, frames, arguments->files.size(), text); });
       });
   command
       ->add_option("FILE", arguments->files,

@@ -109,7 +109,7 @@ Planes planes_of(const NormalMap& normals) {
 
 Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
                      const FrameOptions& options, const fs::path& data, const fs::path& picture,
-                     bool force) {
+                     const Progress& progress, bool force) {
   const FrameAsLight light = load_as_light(input, options, arguments.raw.float_black());
   const RawFrame& frame = light.frame;
   require_polarized(frame.layout, input.string());
@@ -120,9 +120,10 @@ Json normals_of_file(const NormalsArguments& arguments, const fs::path& input,
   warn_of_saturation(frame, saturated);
   // Stokes vectors of all colours together: the mean of R, G and B.
   const StokesPicture colors =
-      arguments.full ? demosaick(frame.dn, frame.layout, Demosaicking::kResidual, frame.source)
-                     : merge_greens(stokes_per_color(pack(frame.dn, frame.layout), frame.layout),
-                                    frame.layout);
+      arguments.full
+          ? demosaick(frame.dn, frame.layout, Demosaicking::kResidual, frame.source, progress)
+          : merge_greens(stokes_per_color(pack(frame.dn, frame.layout), frame.layout),
+                         frame.layout);
   const StokesPlanes stokes = mean_stokes(colors.planes);
   warn_of_no_light(frame, {&stokes, 1}, arguments.full);
   const Image mask = arguments.mask.empty()
@@ -172,6 +173,7 @@ std::string conventions_text(const NormalSettings& settings) {
 void run_normals(NormalsArguments arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
   arguments.inputs = frames_of_inputs(arguments.inputs, options);
+  require_headers(arguments.inputs, options);
   const OutputFolder output(arguments.folder);
   const std::vector<fs::path> besides = {arguments.mask, arguments.reference};
   const auto data = output_names(arguments.inputs, arguments.folder, "_normals.exr", besides);
@@ -182,15 +184,17 @@ void run_normals(NormalsArguments arguments, const Common& common) {
   progress->begin("normals", static_cast<std::int64_t>(arguments.inputs.size()));
   Json results = Json::array();
   std::string text;
-  for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
-    check_stop(*progress);
-    results.push_back(normals_of_file(arguments, arguments.inputs[i], options, data[i], pictures[i],
-                                      common.force));
-    if (i == 0) progress->note(conventions_text(arguments.settings));  // an error stands alone
-    text += normals_text(results.back());
-    progress->advance(1);
-  }
-  print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);
+  const auto work = [&] {
+    for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
+      check_stop(*progress);
+      results.push_back(normals_of_file(arguments, arguments.inputs[i], options, data[i],
+                                        pictures[i], *progress, common.force));
+      if (i == 0) progress->note(conventions_text(arguments.settings));  // an error stands alone
+      text += normals_text(results.back());
+      progress->advance(1);
+    }
+  };
+  work_and_print(work, [&] { print_frames(common, results, arguments.inputs.size(), text); });
 }
 
 }  // namespace

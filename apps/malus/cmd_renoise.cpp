@@ -88,12 +88,18 @@ RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& mod
   return out;
 }
 
-void run_renoise(RenoiseArguments arguments, const Common& common) {
-  const FrameOptions options = arguments.raw.resolve();
+// A stack's frames are taken one by one.
+void take_noisy_frames(RenoiseArguments& arguments, const FrameOptions& options) {
   arguments.inputs = frames_of_inputs(arguments.inputs, options);
   arguments.guides = frames_of_inputs(arguments.guides, {});
   if (!arguments.guides.empty() && arguments.guides.size() != arguments.inputs.size())
     throw CLI::ValidationError("--guide", "one per frame, in the same order");
+  require_headers(arguments.inputs, options);
+}
+
+void run_renoise(RenoiseArguments arguments, const Common& common) {
+  const FrameOptions options = arguments.raw.resolve();
+  take_noisy_frames(arguments, options);
   const NoiseModel model = load_model(arguments.model);
   const GainSetting from = model.setting_of(arguments.from), to = model.setting_of(arguments.to);
   require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
@@ -114,32 +120,38 @@ void run_renoise(RenoiseArguments arguments, const Common& common) {
   SaveOptions save;
   save.force = common.force;
   save.type = arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    check_stop(*progress);
-    const fs::path& input = arguments.inputs[i];
-    RawFrame frame = load_noisy(arguments, input, options, model, from);
-    Image result = guide_of(arguments, i, frame, model, from, *progress);
-    subtract_black(frame);
-    const DrawAddress address{.seed = common.seed,
-                              .frame = arguments.first_frame + static_cast<std::uint32_t>(i)};
-    coverage.add(renoiser.apply(frame.dn, result, address));
-    save_frame(names[i], renoised_frame(arguments, model, to, std::move(result)), save);
-    frames.push_back({{"input", arguments.inputs[i].string()},
-                      {"output", names[i].string()},
-                      {"frame", address.frame}});
-    text += fmt::format("{} <- {}: {} -> {}\n", names[i].string(), arguments.inputs[i].string(),
-                        from.text(), to.text());
-  }
-  if (const std::string complaint = coverage.complaint(); !complaint.empty()) warn(complaint);
-  print_result(common,
-               {{"model", arguments.model.string()},
-                {"from", from.text()},
-                {"to", to.text()},
-                {"method", arguments.settings.method},
-                {"kind", arguments.settings.kind},
-                {"seed", common.seed},
-                {"frames", frames}},
-               text);
+  const auto work = [&] {
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      check_stop(*progress);
+      const fs::path& input = arguments.inputs[i];
+      RawFrame frame = load_noisy(arguments, input, options, model, from);
+      Image result = guide_of(arguments, i, frame, model, from, *progress);
+      subtract_black(frame);
+      const DrawAddress address{.seed = common.seed,
+                                .frame = arguments.first_frame + static_cast<std::uint32_t>(i)};
+      coverage.add(renoiser.apply(frame.dn, result, address));
+      save_frame(names[i], renoised_frame(arguments, model, to, std::move(result)), save);
+      frames.push_back({{"input", arguments.inputs[i].string()},
+                        {"output", names[i].string()},
+                        {"frame", address.frame}});
+      text += fmt::format("{} <- {}: {} -> {}\n", names[i].string(), arguments.inputs[i].string(),
+                          from.text(), to.text());
+    }
+  };
+  const auto print = [&] {
+    if (frames.empty()) return;
+    if (const std::string complaint = coverage.complaint(); !complaint.empty()) warn(complaint);
+    print_result(common,
+                 {{"model", arguments.model.string()},
+                  {"from", from.text()},
+                  {"to", to.text()},
+                  {"method", arguments.settings.method},
+                  {"kind", arguments.settings.kind},
+                  {"seed", common.seed},
+                  {"frames", frames}},
+                 text);
+  };
+  work_and_print(work, print);
 }
 
 }  // namespace

@@ -91,41 +91,48 @@ void run_simulate(const SimulateArguments& arguments, const Common& common) {
   save.type = SampleType::kFloat;
   Json frames = Json::array();
   std::string text;
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    check_stop(*progress);
-    const Planes camera =
-        camera_rgb_of(load_linear(arguments.inputs[i], arguments.tone, layout), arguments.response);
-    const std::uint32_t number = arguments.first_scene + static_cast<std::uint32_t>(i);
-    PolarScene scene;
-    if (arguments.polarized)
-      scene = polarized_scene(camera, arguments.scene, common.seed, number);
-    else
-      scene.stokes = unpolarized(camera);
-    RawFrame frame;
-    frame.dn = mosaic_of(scene.stokes, layout);
-    frame.layout = layout;
-    frame.black_dn.assign(static_cast<std::size_t>(layout.channels()), 0.0);
-    frame.white_dn = arguments.response.white_dn;
-    frame.black_known = frame.white_known = frame.layout_known = true;
-    save_frame(names[i], frame, save);
-    if (arguments.truth) write_truth(arguments, stem_of(arguments.inputs[i]), scene, common.force);
-    frames.push_back({{"input", arguments.inputs[i].string()},
-                      {"output", names[i].string()},
-                      {"scene", number},
-                      {"rows", frame.dn.rows()},
-                      {"cols", frame.dn.cols()}});
-    text += fmt::format("{} <- {}: {} x {} {}\n", names[i].string(), arguments.inputs[i].string(),
-                        frame.dn.cols(), frame.dn.rows(), layout.name());
-    progress->advance(1);
-  }
-  print_result(common,
-               {{"layout", layout.name()},
-                {"polarized", arguments.polarized},
-                {"seed", common.seed},
-                {"response", settings_json(arguments.response)},
-                {"scene", settings_json(arguments.scene)},
-                {"frames", frames}},
-               text);
+  const auto work = [&] {
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      check_stop(*progress);
+      const Planes camera = camera_rgb_of(load_linear(arguments.inputs[i], arguments.tone, layout),
+                                          arguments.response);
+      const std::uint32_t number = arguments.first_scene + static_cast<std::uint32_t>(i);
+      PolarScene scene;
+      if (arguments.polarized)
+        scene = polarized_scene(camera, arguments.scene, common.seed, number);
+      else
+        scene.stokes = unpolarized(camera);
+      RawFrame frame;
+      frame.dn = mosaic_of(scene.stokes, layout);
+      frame.layout = layout;
+      frame.black_dn.assign(static_cast<std::size_t>(layout.channels()), 0.0);
+      frame.white_dn = arguments.response.white_dn;
+      frame.black_known = frame.white_known = frame.layout_known = true;
+      save_frame(names[i], frame, save);
+      if (arguments.truth)
+        write_truth(arguments, stem_of(arguments.inputs[i]), scene, common.force);
+      frames.push_back({{"input", arguments.inputs[i].string()},
+                        {"output", names[i].string()},
+                        {"scene", number},
+                        {"rows", frame.dn.rows()},
+                        {"cols", frame.dn.cols()}});
+      text += fmt::format("{} <- {}: {} x {} {}\n", names[i].string(), arguments.inputs[i].string(),
+                          frame.dn.cols(), frame.dn.rows(), layout.name());
+      progress->advance(1);
+    }
+  };
+  const auto print = [&] {
+    if (frames.empty()) return;
+    print_result(common,
+                 {{"layout", layout.name()},
+                  {"polarized", arguments.polarized},
+                  {"seed", common.seed},
+                  {"response", settings_json(arguments.response)},
+                  {"scene", settings_json(arguments.scene)},
+                  {"frames", frames}},
+                 text);
+  };
+  work_and_print(work, print);
 }
 
 }  // namespace

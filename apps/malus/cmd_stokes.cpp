@@ -118,17 +118,19 @@ Json summary_json(const DolpSummary& dolp) {
 }
 
 std::string above_one_text(double share) {
-  return share > 0 ? fmt::format(", above 1 (noise) {:.2g} %", 100 * share) : "";
+  return share > 0 ? fmt::format(", above 1 (noise) {} %", percent_text(share)) : "";
 }
 
 // One value per cell, or one per pixel with --full.
-StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& frame) {
+StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& frame,
+                             const Progress& progress) {
   if (!arguments.full)
     return merge_greens(stokes_per_color(pack(frame.dn, frame.layout), frame.layout), frame.layout);
   const auto method =
       std::find(kDemosaickingNames.begin(), kDemosaickingNames.end(), arguments.method) -
       kDemosaickingNames.begin();
-  return demosaick(frame.dn, frame.layout, static_cast<Demosaicking>(method), frame.source);
+  return demosaick(frame.dn, frame.layout, static_cast<Demosaicking>(method), frame.source,
+                   progress);
 }
 
 // What the noise of one input is: the model's, whose bias is taken out of the frame besides, or
@@ -166,7 +168,7 @@ void save_pictures(StokesPicture picture, std::span<const Planes> shown,
 
 Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
                     std::size_t index, const FrameOptions& options, const ProductNames& names,
-                    bool force) {
+                    const Progress& progress, bool force) {
   const fs::path& input = arguments.inputs[index];
   if (arguments.confidence()) check_noise_source(input, options, model.has_value());
   FrameAsLight light =
@@ -183,7 +185,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
       arguments.confidence() ? saturated_cells(frame.dn, frame.layout, variance)
                              : saturated_cells(frame.dn, frame.layout, light.saturated_dn);
   warn_of_saturation(frame, saturated);
-  StokesPicture picture = stokes_picture(arguments, frame);
+  StokesPicture picture = stokes_picture(arguments, frame, progress);
   light.frame.dn = Image();
   warn_of_no_light(frame, picture.planes, arguments.full);
   const auto intensities = model ? Intensities::kMeasured : Intensities::kDenoised;
@@ -216,6 +218,17 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   return json;
 }
 
+std::string stokes_text(const Json& json, const fs::path& folder) {
+  return fmt::format(
+      "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %{}, AoLP undefined {:.2f} %, {} in {}\n",
+      json["input"].get<std::string>(), json["cols"].get<int>(), json["rows"].get<int>(),
+      json["layout"].get<std::string>(),
+      json["mean_dolp"].is_null() ? std::nan("") : json["mean_dolp"].get<double>(),
+      100 * json["undefined"].get<double>(), above_one_text(json["dolp_above_one"].get<double>()),
+      100 * json["aolp_undefined"].get<double>(), counted(std::ssize(json["files"]), "file"),
+      folder.string());
+}
+
 void check_usage(const StokesArguments& arguments) {
   if (arguments.confidence() && arguments.full)
     throw CLI::ValidationError("--full", "confidence is known per cell only: leave it out");
@@ -234,28 +247,23 @@ void run_stokes(StokesArguments arguments, const Common& common) {
   take_frames(arguments, options);
   std::optional<NoiseModel> model;
   if (!arguments.model.empty()) model = load_model(arguments.model);
+  require_headers(arguments.inputs, options);
   const OutputFolder output(arguments.folder);
   const std::vector<ProductNames> plans = plan_product_files(arguments, common.force);
   const auto progress = make_progress(common);
   progress->begin("stokes", static_cast<std::int64_t>(arguments.inputs.size()));
   Json results = Json::array();
   std::string text;
-  for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
-    check_stop(*progress);
-    results.push_back(stokes_of_file(arguments, model, i, options, plans[i], common.force));
-    const Json& last = results.back();
-    text += fmt::format(
-        "{}: {} x {} {}, mean DoLP {:.3f}, undefined {:.2f} %{}, AoLP undefined {:.2f} %, {} in "
-        "{}\n",
-        arguments.inputs[i].string(), last["cols"].get<int>(), last["rows"].get<int>(),
-        last["layout"].get<std::string>(),
-        last["mean_dolp"].is_null() ? std::nan("") : last["mean_dolp"].get<double>(),
-        100 * last["undefined"].get<double>(), above_one_text(last["dolp_above_one"].get<double>()),
-        100 * last["aolp_undefined"].get<double>(), counted(std::ssize(last["files"]), "file"),
-        arguments.folder.string());
-    progress->advance(1);
-  }
-  print_result(common, results.size() == 1 ? results[0] : Json{{"frames", results}}, text);
+  const auto work = [&] {
+    for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
+      check_stop(*progress);
+      results.push_back(
+          stokes_of_file(arguments, model, i, options, plans[i], *progress, common.force));
+      text += stokes_text(results.back(), arguments.folder);
+      progress->advance(1);
+    }
+  };
+  work_and_print(work, [&] { print_frames(common, results, arguments.inputs.size(), text); });
 }
 
 }  // namespace

@@ -203,12 +203,23 @@ std::string black_text(const std::vector<double>& black_dn) {
       "{:g}", fmt::join(black_dn.begin(), equal ? black_dn.begin() + 1 : black_dn.end(), ", "));
 }
 
+std::string frames_text(const Json& frames, bool with_black) {
+  std::string text;
+  for (const Json& f : frames)
+    text += fmt::format(
+        "{} <- {} (frame {}, {}{})\n", f["output"].get<std::string>(),
+        f["input"].get<std::string>(), f["frame"].get<std::uint32_t>(), gain_from(f).text(),
+        with_black ? ", black " + black_text(f["black_dn"].get<std::vector<double>>()) : "");
+  return text;
+}
+
 void run_synthesize(SynthesizeArguments arguments, const Common& common) {
   const auto gain = gain_of(arguments);
   arguments.inputs = frames_of_inputs(arguments.inputs, arguments.raw.resolve());
   require_numbers_left("--first-frame", arguments.first_frame,
                        std::ssize(arguments.inputs) * std::int64_t{arguments.frames});
   const FrameSource source = source_of(arguments, gain);
+  require_headers(arguments.inputs, arguments.raw.resolve());
   const OutputFolder folder(arguments.folder);
   const auto plans = plan_noisy_files(arguments, common.force);
   const auto progress = make_progress(common);
@@ -220,44 +231,43 @@ void run_synthesize(SynthesizeArguments arguments, const Common& common) {
   Json frames = Json::array();
   std::string said;
   std::uint32_t number = arguments.first_frame;
-  for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
-    const Image clean = load_clean(arguments.inputs[i], arguments, source.layout);
-    if (const std::string caution = source.caution(clean); !caution.empty() && caution != said)
-      warn(said = caution);
-    for (int n = 0; n < arguments.frames; ++n, ++number) {
-      check_stop(*progress);
-      const RawFrame noisy = source.draw(clean, {.seed = common.seed,
-                                                 .frame = number,
-                                                 .row0 = arguments.origin[0],
-                                                 .col0 = arguments.origin[1]});
-      const fs::path& output = plans[i][static_cast<std::size_t>(n)];
-      save_frame(output, noisy, save);
-      frames.push_back({{"input", arguments.inputs[i].string()},
-                        {"output", output.string()},
-                        {"frame", number},
-                        {"black_dn", noisy.black_dn},
-                        {"white_dn", noisy.white_dn}});
-      frames.back().update(gain_json(noisy.gain));
-      progress->advance(1);
+  const auto work = [&] {
+    for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
+      const Image clean = load_clean(arguments.inputs[i], arguments, source.layout);
+      if (const std::string caution = source.caution(clean); !caution.empty() && caution != said)
+        warn(said = caution);
+      for (int n = 0; n < arguments.frames; ++n, ++number) {
+        check_stop(*progress);
+        const RawFrame noisy = source.draw(clean, {.seed = common.seed,
+                                                   .frame = number,
+                                                   .row0 = arguments.origin[0],
+                                                   .col0 = arguments.origin[1]});
+        const fs::path& output = plans[i][static_cast<std::size_t>(n)];
+        save_frame(output, noisy, save);
+        frames.push_back({{"input", arguments.inputs[i].string()},
+                          {"output", output.string()},
+                          {"frame", number},
+                          {"black_dn", noisy.black_dn},
+                          {"white_dn", noisy.white_dn}});
+        frames.back().update(gain_json(noisy.gain));
+        progress->advance(1);
+      }
     }
-  }
-  if (const std::string complaint = source.coverage->complaint(); !complaint.empty())
-    warn(complaint);
-  std::string text;
-  for (const Json& f : frames)
-    text += fmt::format(
-        "{} <- {} (frame {}, {}{})\n", f["output"].get<std::string>(),
-        f["input"].get<std::string>(), f["frame"].get<std::uint32_t>(), gain_from(f).text(),
-        (arguments.settings.amplify || arguments.settings.debias) && !arguments.as_float
-            ? ", black " + black_text(f["black_dn"].get<std::vector<double>>())
-            : "");
-  print_result(common,
-               {{"model", arguments.model.string()},
-                {"sensor", source.sensor},
-                {"seed", common.seed},
-                {"settings", settings_json(arguments.settings)},
-                {"frames", frames}},
-               text);
+  };
+  const auto print = [&] {
+    if (frames.empty()) return;
+    if (const std::string complaint = source.coverage->complaint(); !complaint.empty())
+      warn(complaint);
+    const bool other_black = arguments.settings.amplify || arguments.settings.debias;
+    print_result(common,
+                 {{"model", arguments.model.string()},
+                  {"sensor", source.sensor},
+                  {"seed", common.seed},
+                  {"settings", settings_json(arguments.settings)},
+                  {"frames", frames}},
+                 frames_text(frames, other_black && !arguments.as_float));
+  };
+  work_and_print(work, print);
 }
 
 }  // namespace

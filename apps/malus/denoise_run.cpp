@@ -167,13 +167,9 @@ void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_
 
 fs::path check_inputs(const std::vector<fs::path>& frames, const std::vector<fs::path>& references,
                       const FrameOptions& options, bool by_model) {
-  FrameOptions size_only;
-  size_only.raw_format = options.raw_format;
-  size_only.rows = options.rows;
-  size_only.cols = options.cols;
   fs::path untold;
   for (const fs::path& path : frames) {
-    const FrameInfo info = probe_frame(path, size_only);
+    const FrameInfo info = probe_frame(path, headerless_part(options));
     if (by_model) require_raw(path.string(), info.holds, "give the raw frame");
     if (!info.frame.layout_known && !options.layout && untold.empty()) untold = path;
   }

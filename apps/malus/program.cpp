@@ -279,6 +279,13 @@ void print_result(const Common& common, const nlohmann::ordered_json& json, std:
                      "check the disk or the pipe it goes to");
 }
 
+void print_frames(const Common& common, const nlohmann::ordered_json& finished, std::size_t inputs,
+                  std::string_view text) {
+  if (finished.empty()) return;
+  print_result(common, inputs == 1 ? finished[0] : nlohmann::ordered_json{{"frames", finished}},
+               text);
+}
+
 void note(const Common& common, std::string_view line) {
   if (!common.quiet) tell(fmt::format("{}\n", line));
 }

@@ -48,6 +48,10 @@ std::string json_utf8(const nlohmann::ordered_json& json, int indent);
 
 /// Results: the JSON object under --json, else the text. Both go to stdout.
 void print_result(const Common& common, const nlohmann::ordered_json& json, std::string_view text);
+/// Results of a command that takes frames one by one: of one frame its object, of several a list
+/// "frames" of those that were finished; nothing where none was.
+void print_frames(const Common& common, const nlohmann::ordered_json& finished, std::size_t inputs,
+                  std::string_view text);
 /// A line for people on stderr; silent under -q.
 void note(const Common& common, std::string_view line);
 /// A warning on stderr, always.
@@ -63,6 +67,19 @@ void tell(std::string_view text);
 
 /// Progress bar with time left on stderr when that is a terminal; Ctrl-C requests a stop.
 std::unique_ptr<Progress> make_progress(const Common& common);
+
+/// work(), then print(), also where an error or Ctrl-C ends the work: what was finished before lies
+/// on the disk, and this says which.
+template <class Work, class Print>
+void work_and_print(const Work& work, const Print& print) {
+  try {
+    work();
+  } catch (...) {
+    print();
+    throw;
+  }
+  print();
+}
 
 /// Runs the parsed program; returns the exit code: 0 done, 1 input or environment at fault, 2 wrong
 /// usage (flags that do not go together, and a value that no file could make right), 130 stopped.

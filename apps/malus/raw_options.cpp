@@ -80,6 +80,19 @@ std::vector<std::filesystem::path> frames_of_inputs(
   return frames;
 }
 
+FrameOptions headerless_part(const FrameOptions& options) {
+  FrameOptions part;
+  part.raw_format = options.raw_format;
+  part.rows = options.rows;
+  part.cols = options.cols;
+  return part;
+}
+
+void require_headers(const std::vector<std::filesystem::path>& frames,
+                     const FrameOptions& options) {
+  for (const std::filesystem::path& frame : frames) probe_frame(frame, headerless_part(options));
+}
+
 std::string stem_of(const std::filesystem::path& input) {
   const FramePlace place = frame_place(input);
   const std::string stem = place.file.stem().string();

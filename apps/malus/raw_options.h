@@ -40,6 +40,12 @@ class RawOptions {
 std::vector<std::filesystem::path> frames_of_inputs(
     const std::vector<std::filesystem::path>& inputs, const FrameOptions& options);
 
+/// Of the options what headerless files cannot be read without.
+FrameOptions headerless_part(const FrameOptions& options);
+
+/// Reads the headers of frames before any work is done on one of them. Throws InputError.
+void require_headers(const std::vector<std::filesystem::path>& frames, const FrameOptions& options);
+
 /// The name without its last ending: `a/b.raw.png` -> `b.raw`; of a stack's frame with its index:
 /// `a/b.npy[7]` -> `b_007`.
 std::string stem_of(const std::filesystem::path& input);

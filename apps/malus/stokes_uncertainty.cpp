@@ -62,11 +62,7 @@ Planes load_variance(const std::filesystem::path& path, const RawFrame& frame) {
 
 void check_noise_source(const std::filesystem::path& input, const FrameOptions& options,
                         bool by_model) {
-  FrameOptions size_only;
-  size_only.raw_format = options.raw_format;
-  size_only.rows = options.rows;
-  size_only.cols = options.cols;
-  const FrameInfo info = probe_frame(input, size_only);
+  const FrameInfo info = probe_frame(input, headerless_part(options));
   if (by_model)
     require_raw(input.string(), info.holds,
                 "give --variance with what denoise --uncertainty wrote, or the raw frame");

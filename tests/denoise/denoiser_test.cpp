@@ -376,5 +376,20 @@ TEST(DenoiseFrame, BadInputGetsOneLine) {
                InputError);
 }
 
+// What comes before the filter takes seconds of a large frame.
+TEST(DenoiseFrame, StopsBeforeTheFilterBegins) {
+  struct Stop final : Progress {
+    int stages = 0;
+    void begin(std::string_view, std::int64_t) override { ++stages; }
+    void advance(std::int64_t) override {}
+    void warn(std::string_view) override {}
+    bool stop_requested() const override { return true; }
+  } stop;
+  const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
+  const RawFrame frame = noisy_frame(Image(64, 64, 150.0f), noise, 1);
+  EXPECT_THROW(denoise_frame(frame, profile_of(noise), {}, stop), Cancelled);
+  EXPECT_EQ(stop.stages, 0);
+}
+
 }  // namespace
 }  // namespace malus

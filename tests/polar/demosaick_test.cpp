@@ -1,5 +1,6 @@
 #include "malus/polar/demosaick.h"
 
+#include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
 
@@ -348,6 +349,19 @@ TEST(DemosaickBayer, LiftsGreenByTheOtherColoursCurvature) {
       const double wave = 30 * std::cos(kWave * (r + c));
       EXPECT_NEAR(rgb[1](r, c), 100 + (green ? 1 : factor) * wave, 1e-3) << r << ' ' << c;
     }
+}
+
+// A large frame takes many seconds.
+TEST(Demosaick, StopsWhereItIsAsked) {
+  struct Stop final : Progress {
+    void begin(std::string_view, std::int64_t) override {}
+    void advance(std::int64_t) override {}
+    void warn(std::string_view) override {}
+    bool stop_requested() const override { return true; }
+  } stop;
+  for (const auto& layout : polarized_layouts())
+    for (const auto method : {Demosaicking::kBilinear, Demosaicking::kResidual})
+      EXPECT_THROW(demosaick(Image(16, 16, 100.0f), layout, method, "", stop), Cancelled);
 }
 
 TEST(DemosaickBayer, FillsWhatIsNoNumberAndRefusesOtherSensors) {

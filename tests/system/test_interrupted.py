@@ -2,6 +2,7 @@
 
 import json
 import os
+import pathlib
 import resource
 import signal
 import subprocess
@@ -179,3 +180,31 @@ def test_little_address_space_is_named(tmp_path):
     done = subprocess.run([PROGRAM, "info", tmp_path / "x.png"], capture_output=True, text=True, timeout=60,
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (500_000_000, 500_000_000)), env={**os.environ, "LC_ALL": "C"})
     assert done.returncode == 1 and done.stderr.count("\n") == 1 and "ulimit -v" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["info", "stokes", "normals", "synthesize", "renoise", "simulate"])
+def test_what_was_done_before_an_error_is_said(malus, tmp_path, command):
+    """The results of the frames before it are on the disk, and a program that reads --json has to learn of them."""
+    rng, folder = np.random.default_rng(2), tmp_path / "out"
+    np.save(tmp_path / "good.npy", rng.uniform(300, 900, (64, 64)).astype(np.float32))
+    np.save(tmp_path / "bad.npy", np.full((64, 64), np.nan, np.float32))  # its header is that of a frame
+    if command == "info":  # which describes any pixels
+        (tmp_path / "bad.npy").write_bytes(b"")
+    model = ["--model", "imx250mzr-simulated"]
+    flags = {"info": [], "synthesize": [*model, "--gain", 12, "--float"], "renoise": [*model, "--from", 6, "--to", 12, "--float"]}
+    flags = flags.get(command, ["--layout", "polar-mono"]) + ([] if command == "info" else ["-o", folder])
+    stopped = malus(command, *flags, "--json", tmp_path / "good.npy", tmp_path / "bad.npy", code=1)
+    assert "bad.npy" in stopped.err.splitlines()[-1]
+    (done,) = stopped.json["frames"]
+    assert pathlib.Path(done["file" if command == "info" else "input"]) == tmp_path / "good.npy"
+    for path in done.get("files", [done["output"]] if "output" in done else []):
+        assert pathlib.Path(path).exists()
+
+
+@pytest.mark.parametrize("command", ["stokes", "normals", "synthesize", "renoise"])
+def test_frames_are_looked_for_before_any_work(refused, tmp_path, command):
+    np.save(tmp_path / "mosaic.npy", np.full((64, 64), 500, np.float32))
+    model = ["--model", "imx250mzr-simulated"]
+    flags = {"synthesize": [*model, "--gain", 12], "renoise": [*model, "--from", 6, "--to", 12]}.get(command, ["--layout", "polar-mono"])
+    assert "missing.npy: does not exist" in refused(command, *flags, tmp_path / "mosaic.npy", tmp_path / "missing.npy", "-o", tmp_path / "out")
+    assert not list(tmp_path.glob("out/*"))

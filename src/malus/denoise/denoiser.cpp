@@ -182,6 +182,7 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
     internal::average_alike_pixels(stabilised,
                                    sure_noise(stabilizers, uncut, frame, profile, result), memory,
                                    {result.dn_above_black, cell_error, error}, progress);
+  check_stop(progress);
   if (error) internal::add_missed_signal(stabilised, uncut, result.dn_above_black, *error);
   invert(stabilizers, frame, result);
   keep_points(frame, profile, stabilizers, result);
@@ -236,6 +237,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseS
   Denoised result;
   const Stopwatch preparation;
   const CutOff cut_off = measure_cut_off(frame);
+  check_stop(progress);
   const NoiseProfile profile = as_shown(before_cut_off(given, frame), frame, cut_off);
   result.cut_off_share = cut_off.mean_share();
   result.cut_off_undone = method.stabilizes && has_cut_off_law(profile);
@@ -248,6 +250,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseS
                      .remove_pattern = settings.fixed_pattern},
                     result);
   const double preparation_s = preparation.seconds();
+  check_stop(progress);
   const Stopwatch filter;
   if (want_variance) result.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
   if (method.on_mosaic())

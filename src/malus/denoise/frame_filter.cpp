@@ -126,6 +126,7 @@ FrameTiles filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, 
                         Image& estimate, const FrameReport& report, Progress& progress) {
   const SensorLayout& layout = frame.layout;
   const int rows = frame.rows, cols = frame.cols;
+  check_stop(progress);
   CellStatistics statistics = measure_cells(frame);
   if (plan.repeats) statistics.repeats = find_repeats(frame);
   const int repeat_reach = statistics.repeats.reach();

@@ -135,7 +135,8 @@ Image rows_of(const Image& whole, int first, int last) {
 }
 
 // Band by band: what is made on the way to the Stokes parameters is several times their size.
-StokesPlanes residual_in_bands(const Image& plane, const SensorLayout& layout, double epsilon) {
+StokesPlanes residual_in_bands(const Image& plane, const SensorLayout& layout, double epsilon,
+                               const Progress& progress) {
   constexpr int kBandRows = 256;  // of whole cells; threads share a band
   constexpr int kSmoothing = 2;   // rows that residual_stokes adds
   constexpr int kReach = (internal::kAnglesReach + kSmoothing + 3) / 4 * 4;
@@ -143,6 +144,7 @@ StokesPlanes residual_in_bands(const Image& plane, const SensorLayout& layout, d
   const double square = mean_square(plane);
   StokesPlanes stokes{Image(rows, cols), Image(rows, cols), Image(rows, cols)};
   for (int first = 0; first < rows; first += kBandRows) {
+    check_stop(progress);
     const int last = std::min(first + kBandRows, rows);
     const int top = std::max(first - kReach, 0), bottom = std::min(last + kReach, rows);
     const StokesPlanes band = residual_stokes(rows_of(plane, top, bottom), layout, epsilon, square);
@@ -154,29 +156,34 @@ StokesPlanes residual_in_bands(const Image& plane, const SensorLayout& layout, d
   return stokes;
 }
 
-StokesPicture residual(Image mosaic, const SensorLayout& layout) {
+StokesPicture residual(Image mosaic, const SensorLayout& layout, const Progress& progress) {
   const double epsilon = internal::kGuideEpsilon * mean_square(mosaic) + 1e-20;
-  if (!layout.colored()) return {{""}, {residual_in_bands(mosaic, layout, epsilon)}};
+  if (!layout.colored()) return {{""}, {residual_in_bands(mosaic, layout, epsilon, progress)}};
   std::map<Color, Image> planes;
   for (Color color : display_colors(layout)) planes[color] = Image(mosaic.rows(), mosaic.cols());
   for (int r = 0; r < 2; ++r)
-    for (int c = 0; c < 2; ++c) demosaick_colors(mosaic, layout, r, c, epsilon, planes);
+    for (int c = 0; c < 2; ++c) {
+      check_stop(progress);
+      demosaick_colors(mosaic, layout, r, c, epsilon, planes);
+    }
   mosaic = Image();
   StokesPicture picture;
   for (Color color : display_colors(layout)) {
     picture.names.push_back(display_name(color));
-    picture.planes.push_back(residual_in_bands(planes[color], layout, epsilon));
+    picture.planes.push_back(residual_in_bands(planes[color], layout, epsilon, progress));
     planes[color] = Image();
   }
   return picture;
 }
 
-StokesPicture bilinear(const Image& mosaic, const SensorLayout& layout) {
+StokesPicture bilinear(const Image& mosaic, const SensorLayout& layout, const Progress& progress) {
   StokesPicture picture;
   for (Color color : display_colors(layout)) {
     std::array<Image, 4> planes;
-    for (int a = 0; a < 4; ++a)
+    for (int a = 0; a < 4; ++a) {
+      check_stop(progress);
       planes[static_cast<std::size_t>(a)] = bilinear_plane(mosaic, layout, color, 45 * a);
+    }
     picture.names.push_back(display_name(color));
     picture.planes.push_back(stokes_of(AnglePlanes{planes[0], planes[1], planes[2], planes[3]}));
   }
@@ -244,7 +251,7 @@ bool supports_residual(const SensorLayout& layout) {
 }
 
 StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, Demosaicking method,
-                        const std::string& source) {
+                        const std::string& source, const Progress& progress) {
   require_polarized(layout, source);
   check_size(mosaic, layout, source);
   if (method == Demosaicking::kResidual && !supports_residual(layout))
@@ -255,8 +262,9 @@ StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, De
                     layout.name()),
         "use bilinear interpolation where there is a choice, or one value per cell");
   Image usable = internal::filled(mosaic, layout);
-  StokesPicture picture = method == Demosaicking::kBilinear ? bilinear(usable, layout)
-                                                            : residual(std::move(usable), layout);
+  StokesPicture picture = method == Demosaicking::kBilinear
+                              ? bilinear(usable, layout, progress)
+                              : residual(std::move(usable), layout, progress);
   forget_filled(mosaic, layout, picture);
   return picture;
 }

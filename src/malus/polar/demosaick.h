@@ -1,6 +1,7 @@
 // Stokes parameters at every pixel of the sensor instead of one per cell.
 #pragma once
 
+#include "malus/base/progress.h"
 #include "malus/image/layout.h"
 #include "malus/image/view.h"
 #include "malus/polar/stokes.h"
@@ -35,10 +36,11 @@ bool supports_residual(const SensorLayout& layout);
 /// their neighbours first, so that others stay as they are; at their own places the result is NaN.
 /// All of it is NaN where a channel has no other pixels. Throws InputError, which names `source`,
 /// when the layout is not polarized or the mosaic is smaller than two cells; and when the method
-/// does not support the layout.
+/// does not support the layout. Throws Cancelled where progress asks for a stop.
 StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout,
                         Demosaicking method = Demosaicking::kResidual,
-                        const std::string& source = "demosaicking");
+                        const std::string& source = "demosaicking",
+                        const Progress& progress = silent_progress());
 
 /// Two greens on one diagonal of 2x2 sites, red and blue on the other, no polarizers.
 bool is_bayer(const SensorLayout& layout);
