@@ -57,6 +57,8 @@ TEST(Stokes, UndefinedIsNotANumberNeverZeroOrInfinite) {
   EXPECT_TRUE(std::isnan(dolp_of(Stokes{nan, 1, 1})));
   EXPECT_TRUE(std::isnan(aolp_deg_of(Stokes{-5, 1, 1})));
   EXPECT_TRUE(std::isnan(aolp_deg_of(Stokes{5, 0, 0})));
+  const double infinity = std::numeric_limits<double>::infinity();
+  EXPECT_TRUE(std::isnan(aolp_deg_of(stokes_of(1, 1, infinity, 1))));
   EXPECT_DOUBLE_EQ(dolp_of(Stokes{5, 0, 0}), 0);
 }
 

@@ -60,6 +60,28 @@ def test_stokes_and_normals_of_pixels_without_light(malus, refused, tmp_path):
             assert "none.npy: all pixels are NaN or infinite" in refused(*run, tmp_path / "none.npy")
 
 
+def test_no_angle_is_made_of_an_infinite_pixel(malus, tmp_path):
+    """One pixel of a cell is infinite: its S1 or S2 would point at 0, 45, 90 or 135 degrees whatever the light."""
+    rows, cols = np.mgrid[0:32, 0:32]
+    twice = np.radians(2 * np.array([[90, 45], [135, 0]])[rows % 2, cols % 2])
+    frame = (500 * (1 + 0.4 * np.cos(np.radians(40)) * np.cos(twice) + 0.4 * np.sin(np.radians(40)) * np.sin(twice))).astype(np.float32)
+    for row, col in (4, 4), (4, 9), (9, 14), (9, 21):  # 90, 45, 135, 0
+        frame[row, col] = np.inf
+    np.save(tmp_path / "odd.npy", frame)
+    done = malus("stokes", tmp_path / "odd.npy", "--layout", "polar-mono", "--format", "npy", "--no-pictures", "--json", "-o", tmp_path).json
+    aolp = np.load(tmp_path / "odd_aolp.npy")
+    assert np.argwhere(np.isnan(aolp)).tolist() == [[2, 2], [2, 4], [4, 7], [4, 10]]
+    assert done["aolp_undefined"] == np.isnan(aolp).mean()
+    assert np.allclose(aolp[~np.isnan(aolp)], 20, atol=1e-3)
+
+
+def test_a_share_of_all_pixels_is_written_as_a_percentage(malus, tmp_path):
+    frame = np.zeros((32, 32), np.float32)
+    frame[::2, ::2] = 100  # 90 degrees alone: DoLP 2
+    np.save(tmp_path / "dark.npy", frame)
+    assert ", above 1 (noise) 100 %," in malus("stokes", tmp_path / "dark.npy", "--layout", "polar-mono", "-o", tmp_path).out
+
+
 def test_a_refusal_stands_alone(malus, tmp_path):
     """Without the note on the conventions of normals, or a warning of --black, before it."""
     np.save(tmp_path / "none.npy", np.full((64, 64), np.nan, np.float32))

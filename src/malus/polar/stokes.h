@@ -38,10 +38,11 @@ inline double dolp_of(const Stokes& s) {
   return std::hypot(s.s1, s.s2) / s.s0;
 }
 
-/// Angle of linear polarization in [0, 180) degrees; NaN where S0 <= 0 (no light) or S1 = S2 = 0
-/// (no direction).
+/// Angle of linear polarization in [0, 180) degrees; NaN where S0 <= 0 (no light) or is infinite,
+/// as of a pixel that is no number, or S1 = S2 = 0 (no direction).
 inline double aolp_deg_of(const Stokes& s) {
-  if (!(s.s0 > 0) || (s.s1 == 0 && s.s2 == 0)) return std::numeric_limits<double>::quiet_NaN();
+  if (!(s.s0 > 0) || !std::isfinite(s.s0) || (s.s1 == 0 && s.s2 == 0))
+    return std::numeric_limits<double>::quiet_NaN();
   const double angle = 90.0 / std::numbers::pi * std::atan2(s.s2, s.s1);
   const double wrapped = angle < 0 ? angle + 180.0 : angle;
   return wrapped >= 180.0 ? 0.0 : wrapped;
