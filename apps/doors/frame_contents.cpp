@@ -4,7 +4,10 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
+#include "malus/image/frame_statistics.h"
 #include "malus/io/picture_file.h"
+#include "malus/noise/same_sensor.h"
+#include "malus/polar/layout_check.h"
 
 #include <algorithm>
 #include <cmath>
@@ -92,6 +95,46 @@ std::string nonfinite_complaint(View<const float> dn, const std::string& source,
 std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,
                                       const std::string& source) {
   return complaint_of(count, pixels, source, "taken as dark");
+}
+
+std::string unknown_black_complaint(const RawFrame& frame) {
+  if (frame.black_known) return {};
+  return fmt::format("black level not known, taken as 0{} ({})",
+                     frame.layout.polarized() ? "; DoLP is too low if it is not" : "",
+                     setting("black"));
+}
+
+std::vector<std::string> guess_complaints(const RawFrame& frame) {
+  std::vector<std::string> complaints;
+  if (!frame.layout_known)
+    complaints.push_back(fmt::format(
+        "layout not known, taken as {}; a colour or polarization mosaic needs its own ({})",
+        frame.layout.name(), setting("layout")));
+  complaints.push_back(layout_complaint(frame.layout, check_layout(frame.dn)));
+  complaints.push_back(level_complaint(frame));
+  complaints.push_back(declaration_note(frame));
+  complaints.push_back(unknown_black_complaint(frame));
+  if (!frame.white_known && frame.bits > 0)
+    complaints.push_back(fmt::format(
+        "white level not known, taken as {:g} DN above black; saturated pixels go unnoticed if it "
+        "is lower ({})",
+        white_above_black(frame.white_dn, frame.black_dn), setting("white")));
+  std::erase(complaints, std::string());
+  return complaints;
+}
+
+std::string no_light_complaint(std::span<const StokesPlanes> planes, bool whole) {
+  std::size_t dark = 0, all = 0;
+  for (const StokesPlanes& color : planes) {
+    dark += static_cast<std::size_t>(
+        std::ranges::count_if(color.s0.values(), [](float s0) { return s0 <= 0; }));
+    all += color.s0.size();
+  }
+  if (2 * dark <= all) return {};
+  return fmt::format(
+      "no light above black in {} % of the {}: DoLP and AoLP are undefined there; check {}",
+      percent_text(static_cast<double>(dark) / static_cast<double>(all)),
+      whole ? "pixels" : "cells", setting("black"));
 }
 
 std::string_view fate_of_nonfinite(bool as_float) {

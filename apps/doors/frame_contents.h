@@ -2,12 +2,15 @@
 #pragma once
 
 #include "malus/io/frame_file.h"
+#include "malus/polar/stokes.h"
 
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace malus::app {
 
@@ -55,5 +58,15 @@ std::string_view fate_in_polarization();
 std::string_view fate_in_guide(const std::string& method, bool as_float);
 /// Whether renoise's result holds the noisy frame: new noise on a given guide does not.
 bool shows_noisy_frame(const std::string& method, bool guide_given);
+
+/// What a frame above black was taken for without anybody having stated it, layout, black and white
+/// level, and where its pixels or its file contradict the layout: warnings without its name.
+std::vector<std::string> guess_complaints(const RawFrame& frame);
+/// The one of the black level, which matters to comparisons as well; empty where it is known.
+std::string unknown_black_complaint(const RawFrame& frame);
+
+/// That most cells, or most pixels (whole), have no light, for which a wrong black level is often
+/// the reason; empty where they have. planes: of every colour.
+std::string no_light_complaint(std::span<const StokesPlanes> planes, bool whole);
 
 }  // namespace malus::app

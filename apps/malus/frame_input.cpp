@@ -1,16 +1,11 @@
 #include "frame_input.h"
 
 #include "malus/base/error.h"
-#include "malus/base/text.h"
-#include "malus/base/wording.h"
-#include "malus/image/frame_statistics.h"
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/same_sensor.h"
-#include "malus/polar/layout_check.h"
 #include "malus/synthesize/scene.h"
 
-#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -131,44 +126,17 @@ void warn_of_saturation(const RawFrame& frame, const SaturatedCells& cells) {
 }
 
 void warn_of_no_light(const RawFrame& frame, std::span<const StokesPlanes> planes, bool whole) {
-  std::size_t dark = 0, all = 0;
-  for (const StokesPlanes& color : planes) {
-    dark += static_cast<std::size_t>(
-        std::ranges::count_if(color.s0.values(), [](float s0) { return s0 <= 0; }));
-    all += color.s0.size();
-  }
-  if (2 * dark <= all) return;
-  warn_of(frame.source,
-          fmt::format("no light above black in {} % of the {}: DoLP and AoLP are undefined there; "
-                      "check {}",
-                      percent_text(static_cast<double>(dark) / static_cast<double>(all)),
-                      whole ? "pixels" : "cells", setting_name("black")));
+  if (const std::string complaint = no_light_complaint(planes, whole); !complaint.empty())
+    warn_of(frame.source, complaint);
 }
 
 void warn_of_guesses(const RawFrame& frame) {
-  if (!frame.layout_known)
-    warn_of(frame.source,
-            fmt::format("layout not known, taken as {}; a colour or polarization mosaic needs its "
-                        "own (--layout)",
-                        frame.layout.name()));
-  const std::string complaint = layout_complaint(frame.layout, check_layout(frame.dn));
-  if (!complaint.empty()) warn_of(frame.source, complaint);
-  if (const std::string wrong = level_complaint(frame); !wrong.empty())
-    warn_of(frame.source, wrong);
-  if (const std::string note = declaration_note(frame); !note.empty()) warn_of(frame.source, note);
-  warn_of_unknown_black(frame);
-  if (!frame.white_known && frame.bits > 0)
-    warn_of(frame.source,
-            fmt::format("white level not known, taken as {:g} DN above black; saturated pixels go "
-                        "unnoticed if it is lower (--white)",
-                        white_above_black(frame.white_dn, frame.black_dn)));
+  for (const std::string& complaint : guess_complaints(frame)) warn_of(frame.source, complaint);
 }
 
 void warn_of_unknown_black(const RawFrame& frame) {
-  if (frame.black_known) return;
-  warn_of(frame.source,
-          fmt::format("black level not known, taken as 0{} (--black)",
-                      frame.layout.polarized() ? "; DoLP is too low if it is not" : ""));
+  if (const std::string complaint = unknown_black_complaint(frame); !complaint.empty())
+    warn_of(frame.source, complaint);
 }
 
 }  // namespace malus::app

@@ -15,6 +15,7 @@
 
 #include <algorithm>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -53,14 +54,28 @@ void warn_of_lost_light(View<const float> dn, const std::string& source) {
     give_warning(complaint);
 }
 
+// Of a Frame above black.
+void warn_of_guesses(const RawFrame& frame) {
+  for (const std::string& complaint : app::guess_complaints(frame))
+    give_warning(frame.source + ": " + complaint);
+}
+
+void warn_of_no_light(const std::string& source, std::span<const StokesPlanes> planes, bool whole) {
+  if (const auto complaint = app::no_light_complaint(planes, whole); !complaint.empty())
+    give_warning(source + ": " + complaint);
+}
+
 // An array in DN above black, or a Frame, which knows its black level and its layout.
 Light light_of(const py::object& given, const std::optional<std::string>& layout) {
   Light light;
   if (const HeldFrame* held = held_frame(given)) {
     RawFrame frame = *held;
     take_told({layout, {}, {}}, frame);
+    if (frame.bits == 0) frame.black_known = true;
     const std::vector<float> saturated_dn = saturation_dn(frame);
     subtract_black(frame);
+    require_polarized(frame.layout, frame.source);
+    warn_of_guesses(frame);
     const auto saturated = saturated_cells(frame.dn, frame.layout, saturated_dn);
     light = {array_of(std::move(frame.dn)).cast<Array>(), frame.layout, frame.source, saturated};
   } else {
@@ -88,7 +103,8 @@ Method method_named(const std::optional<std::string>& name) {
 
 StokesPicture stokes_picture(View<const float> mosaic, const SensorLayout& layout,
                              const Method& method) {
-  return method ? demosaick(mosaic, layout, *method, kLight)
+  const PythonProgress progress;
+  return method ? demosaick(mosaic, layout, *method, kLight, progress)
                 : merge_greens(stokes_per_color(pack(mosaic, layout), layout), layout);
 }
 
@@ -160,8 +176,10 @@ RawLight raw_light_of(const py::object& given, const std::optional<std::string>&
     take_told({layout, {}, {}}, frame);
     if (const auto warning = take_levels_of_model(model, frame); !warning.empty())
       give_warning(frame.source + ": " + warning);
+    if (frame.bits == 0) frame.black_known = true;
     light.saturated_dn = saturation_dn(frame);
     subtract_black(frame);
+    warn_of_guesses(frame);
   } else {
     frame = pixels_of(given, kLight);
     frame.layout = layout ? SensorLayout::named(*layout) : model.layout;
@@ -203,6 +221,7 @@ py::dict stokes_by_model(const py::object& given, const std::optional<std::strin
   for (const std::string& line : model_complaints(model.description(), gain, false))
     give_warning(line);
   warn_of_saturation(frame.source, saturated);
+  warn_of_no_light(frame.source, picture->planes, false);
   py::dict out = dict_of(*picture);
   add_uncertainty(out, uncertainty);
   return out;
@@ -232,6 +251,7 @@ py::dict stokes(const py::object& dn_above_black, const std::optional<std::strin
   py::dict out = dict_of(*picture);
   if (variance) add_uncertainty(out, uncertainty_from(*variance, *picture, light, denoised));
   warn_of_saturation(light.source, light.saturated);
+  warn_of_no_light(light.source, picture->planes, method.has_value());
   return out;
 }
 
@@ -261,6 +281,7 @@ py::object normals(const py::object& dn_above_black, const std::optional<std::st
     const py::gil_scoped_release release;
     mean = mean_stokes(stokes_picture(view, layout, method).planes);
   }
+  warn_of_no_light(light.source, {&mean, 1}, method.has_value());
   std::optional<Image> object;
   if (mask) object = mask_from(*mask, mean.s0);
   NormalMap map;

@@ -194,6 +194,39 @@ def test_pixels_without_a_number_are_said_of_polarization():
             work(np.full_like(dn, np.nan), "polar-mono")
 
 
+def test_what_makes_polarization_wrong_is_said_in_the_programs_words(tmp_path):
+    """Of frames whose black level nobody told, or that lie below it."""
+    program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
+    if not program.exists():
+        pytest.skip("needs the program beside the module")
+    rows, cols = np.mgrid[0:64, 0:64]
+    light = 1000 * (1 + 0.5 * np.cos(np.radians(2 * np.array([[90, 45], [135, 0]])[rows % 2, cols % 2])))
+    Image.fromarray(np.round(light + 80).astype(np.uint16)).save(tmp_path / "light.tif")
+    given = {"layout": LAYOUT, "black": 80, "white": 4095}
+    for told, flags in ({"layout": LAYOUT}, ["--layout", LAYOUT]), \
+                       ({**given, "black": 3000}, ["--layout", LAYOUT, "--black", "3000", "--white", "4095"]):
+        frame = malus.load_frame(tmp_path / "light.tif", **told)
+        for work in malus.stokes, malus.normals:
+            with pytest.warns(UserWarning) as said:
+                work(frame)
+            ran = subprocess.run([program, work.__name__, frame.source, *flags, "-o", tmp_path, "--force"], check=True, capture_output=True, text=True)
+            words = [line.removeprefix("warning: ") for line in ran.stderr.splitlines() if line.startswith("warning: ")]
+            for flag in "black", "white":
+                words = [line.replace(f"--{flag}", f"{flag}=") for line in words]
+            assert [str(w.message) for w in said] == words and words
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        malus.stokes(malus.load_frame(tmp_path / "light.tif", **given))
+        malus.stokes(malus.Frame(light.astype(np.float32), LAYOUT))  # floats are above black
+
+
+def test_light_that_is_below_black_is_said_of_arrays():
+    for work, told, where in (malus.stokes, {}, "cells"), (malus.normals, {}, "cells"), (malus.stokes, {"demosaick": "bilinear"}, "pixels"), \
+                             (malus.stokes, {"model": MODEL, "gain": 12}, "cells"):
+        with pytest.warns(UserWarning, match=f"array: no light above black in 100 % of the {where}: DoLP and AoLP are undefined there; check black="):
+            work(np.full((64, 64), -500, np.float32), LAYOUT, **told)
+
+
 def test_saturated_cells_are_said_in_the_programs_words(model, black, tmp_path):
     program = pathlib.Path(os.environ.get("MALUS_PROGRAM", pathlib.Path(malus.__file__).parents[2] / "malus"))
     if not program.exists():
