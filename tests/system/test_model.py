@@ -1,8 +1,10 @@
 """malus model: what is shown, in text and JSON, and what is refused."""
 
+import math
 import pathlib
 import shutil
 
+import h5py
 import numpy as np
 import pytest
 
@@ -175,3 +177,36 @@ def test_dsnu_has_a_standard_error_that_older_files_lack(malus, tmp_path):
     older = malus(*show, "--json").json["gains"][0]["dsnu"]
     assert older["value"] == dsnu["value"] and not older.get("stderr")
     assert "DSNU" in malus(*show).out
+
+
+def test_older_files_are_read_smooth_inside_the_codes(malus, tmp_path):
+    """Without dark_before_rounding level 0 is even inside each code, which is a sixth of its square too much variance."""
+    rng, sigma, text = np.random.default_rng(5), 0.6, '[sensor]\nlayout = "mono"\nblack = 10\nwhite = 255\n'
+    frames = np.round(10 + sigma * rng.standard_normal((12, 128, 128))).astype(np.uint16)
+    flats = np.round(50 + math.sqrt(2 + sigma**2) * rng.standard_normal((6, 128, 128))).astype(np.uint16)
+    for kind, images in (("bias", frames), ("flat", flats)):
+        for number, image in enumerate(images):
+            np.save(tmp_path / f"{kind}{number:02}.npy", image)
+        text += f'[[frames]]\nkind = "{kind}"\ngain_db = 0\nexposure_s = 0.01\npaths = ["{kind}*.npy"]\n'
+    (tmp_path / "s.toml").write_text(text)
+    new, old = tmp_path / "new.h5", tmp_path / "old.h5"
+    malus("calibrate", tmp_path / "s.toml", "--kind", "nonparametric", "--level-samples", 5000, "-o", new)
+    shutil.copy(new, old)
+    with h5py.File(old, "r+") as file:
+        group = file["nonparametric/000"]
+        assert group["dark_before_rounding"][()] == 1
+        del group["dark_before_rounding"]
+        edges, pmf = group["channels/000/bin_edges_dn"][:], group["channels/000/pmf"]
+        code = np.round(0.5 * (edges[1:] + edges[:-1]))
+        for value in np.unique(code):
+            own, width = code == value, np.diff(edges)
+            pmf[0, own] = pmf[0, own].sum() * width[own] / width[own].sum()
+    for model in (new, old):
+        (shown,) = malus("model", "show", model, "--json").json["nonparametric"]
+        assert shown["channels"][0]["sd"][0] == pytest.approx(math.sqrt(sigma**2 + 1 / 12), rel=0.01), model
+    np.save(tmp_path / "dark.npy", np.zeros((512, 512), np.float32))
+    malus("synthesize", tmp_path / "dark.npy", "-m", old, "--kind", "nonparametric", "--gain", 0, "--format", "npy", "-o", tmp_path / "out")
+    drawn = np.load(tmp_path / "out/dark_000.npy")
+    for value in (9, 10, 11):
+        share = (frames == value).mean()
+        assert (drawn == value).mean() == pytest.approx(share, abs=4.5 * math.sqrt(share / drawn.size)), value

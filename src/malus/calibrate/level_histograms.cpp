@@ -3,7 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/index.h"
 #include "malus/base/normal_distribution.h"
-#include "malus/base/random.h"
+#include "malus/noise/code_density.h"
 
 #include <algorithm>
 #include <cmath>
@@ -73,51 +73,13 @@ int parts_of_code(double variance) {
                     kMost);
 }
 
-constexpr double kLeastTail = 1e-12;  // probability beyond which a tail is not told
-
-// Normal quantile of a probability, from the nearer tail.
-double quantile_of(double below, double above) {
-  return below < above ? normal_quantile(std::max(below, kLeastTail))
-                       : -normal_quantile(std::max(above, kLeastTail));
-}
-
-// Normal probability from a to b, in the tail that is not 1 minus next to nothing.
-double normal_between(double a, double b) {
-  return a > 0 ? normal_cdf(-a) - normal_cdf(-b) : normal_cdf(b) - normal_cdf(a);
-}
-
-// Normal quantiles of the cumulative distribution at the codes' boundaries. Beyond the outermost
-// codes that occur it goes on as in the next ones: it ends nowhere, and where the camera cuts noise
-// off, the last code holds all that lies beyond.
-std::vector<double> quantiles_of(const std::vector<double>& codes) {
-  const std::size_t n = codes.size();
-  std::vector<double> above(n + 1, 0.0), quantile;
-  for (std::size_t i = n; i > 0; --i) above[i - 1] = above[i] + codes[i - 1];
-  double below = 0;
-  for (std::size_t i = 0; i <= n; ++i) {
-    quantile.push_back(quantile_of(below, above[i]));
-    if (i < n) below += codes[i];
-  }
-  std::size_t first = 0, last = n - 1;
-  while (first < last && !(codes[first] > 0)) ++first;
-  while (last > first && !(codes[last] > 0)) --last;
-  if (last - first < 2) return quantile;
-  quantile[first] = 2 * quantile[first + 1] - quantile[first + 2];
-  quantile[last + 1] = 2 * quantile[last] - quantile[last - 1];
-  return quantile;
-}
-
 // Each code's probability among its parts.
 std::vector<double> smooth_within_codes(const std::vector<double>& codes, int parts) {
-  const std::vector<double> quantile = quantiles_of(codes);
-  std::vector<double> out, share(as_index(parts));
-  for (std::size_t i = 0; i < codes.size(); ++i) {
-    const double begin = quantile[i], width = (quantile[i + 1] - begin) / parts;
-    double sum = 0;
+  const WithinCodes within(codes);
+  std::vector<double> out;
+  for (std::size_t i = 0; i < codes.size(); ++i)
     for (int j = 0; j < parts; ++j)
-      sum += share[as_index(j)] = normal_between(begin + j * width, begin + (j + 1) * width);
-    for (const double s : share) out.push_back(sum > 0 ? codes[i] * s / sum : codes[i] / parts);
-  }
+      out.push_back(codes[i] * within.share(i, static_cast<double>(j) / parts, (j + 1.0) / parts));
   return out;
 }
 

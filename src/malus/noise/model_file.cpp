@@ -3,12 +3,15 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/noise/builtin_models.h"
+#include "malus/noise/code_density.h"
 #include "malus/noise/internal/hdf5_archive.h"
 #include "malus/noise/internal/joint_file.h"
+#include "malus/noise/internal/kinds_file.h"
 #include "malus/noise/model.h"
 
 #include <algorithm>
 #include <type_traits>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -21,19 +24,6 @@ using internal::Hdf5Writer;
 
 constexpr const char* kFormat = "malus noise model";
 constexpr int kVersion = 1;
-
-template <class Archive, class Gain>
-void transfer_gain(Archive& archive, Gain& gain) {
-  const Field db{"gain_db", "dB", "gain setting of the camera"};
-  const Field iso{"iso", "ISO", "gain setting of the camera"};
-  for (auto [field, value] : {std::pair(&db, &gain.gain_db), std::pair(&iso, &gain.iso)}) {
-    if constexpr (Archive::kReading) {
-      if (archive.holds(field->name)) archive.number(*field, value->emplace());
-    } else {
-      if (*value) archive.number(*field, **value);
-    }
-  }
-}
 
 template <class Archive, class Statistics>
 void transfer_statistics(Archive& parent, const std::string& name, const std::string& unit,
@@ -54,23 +44,6 @@ void transfer_statistics(Archive& parent, const std::string& name, const std::st
                   what + ": covariance over the frames between channels, sampling error removed"},
                  s.covariance);
   archive.table({"per_frame", unit, what + ": each frame's own, per channel"}, s.per_frame);
-}
-
-// One group; absent where the rows are white.
-template <class Archive, class Drift>
-void transfer_drift(Archive& parent, Drift& d) {
-  if constexpr (Archive::kReading) {
-    if (!parent.holds("row_drift")) return;
-  } else {
-    if (d.drift.white()) return;
-  }
-  auto archive = parent.group("row_drift");
-  archive.number({"share", "1", "slow part of sigma_row squared"}, d.drift.share);
-  archive.number({"share_stderr", "1", "standard error of share"}, d.share_stderr);
-  archive.number({"length_groups", "row groups", "over which the slow part falls to 1/e"},
-                 d.drift.length_groups);
-  archive.number({"length_stderr", "row groups", "standard error of length_groups"},
-                 d.length_stderr);
 }
 
 Field saturated_column() {
@@ -210,39 +183,6 @@ void transfer_physics(Archive& archive, Calibration& p) {
   archive.texts({"warnings", "", "what the calibration warned about"}, p.warnings);
 }
 
-template <class Archive, class Calibration>
-void transfer_gaussian(Archive& archive, Calibration& g) {
-  transfer_gain(archive, g.gain);
-  archive.integer({"levels", "1", "signal levels fitted; 0 = published"}, g.levels);
-  archive.numbers({"slope_dn", "DN", "variance per signal"}, g.slope_dn);
-  archive.numbers({"slope_stderr_dn", "DN", "standard error of slope_dn"}, g.slope_stderr_dn);
-  archive.numbers({"offset_dn2", "DN^2", "variance at signal 0"}, g.offset_dn2);
-  archive.numbers({"offset_stderr_dn2", "DN^2", "standard error of offset_dn2"},
-                  g.offset_stderr_dn2);
-  archive.numbers({"bias_dn", "DN", "mean of dark pixels above the black level"}, g.bias_dn);
-  archive.texts({"warnings", "", "what the calibration warned about"}, g.warnings);
-}
-
-template <class Archive, class Calibration>
-void transfer_nonparametric(Archive& archive, Calibration& n) {
-  transfer_gain(archive, n.gain);
-  archive.integer({"frames", "1", "number of frames"}, n.frames);
-  archive.list("channels", n.channels, [](auto& child, auto& channel) {
-    child.numbers({"level_dn", "DN", "centres of the signal levels, above black"},
-                  channel.level_dn);
-    child.integers({"samples", "1", "samples per level"}, channel.samples);
-    child.numbers({"bin_edges_dn", "DN", "edges of the bins of noisy - clean"},
-                  channel.bin_edges_dn);
-    child.table({"pmf", "1", "probability per level and bin; rows add to 1"}, channel.pmf);
-  });
-  archive.numbers({"sigma_row_dn", "DN", "sd of the row groups' offsets"}, n.sigma_row_dn);
-  archive.numbers({"sigma_row_stderr_dn", "DN", "standard error of sigma_row_dn"},
-                  n.sigma_row_stderr_dn);
-  transfer_drift(archive, n.row_drift);
-  archive.numbers({"K", "DN/e-", "overall system gain"}, n.K);
-  archive.texts({"warnings", "", "what the calibration warned about"}, n.warnings);
-}
-
 void transfer_layout(Hdf5Writer& archive, const SensorLayout& layout) {
   archive.text({"layout", "", "name of the layout"}, layout.name());
   archive.integer({"cell_rows", "1", "rows of the repeating cell"}, layout.rows());
@@ -361,6 +301,21 @@ void transfer_model(Archive& archive, Model& m) {
   transfer_defects(archive, m.defects);
 }
 
+// Those of files without the mark.
+void smooth_older_darks(const Hdf5Reader& archive, NoiseModel& model) {
+  std::vector<int> is_marked;  // per calibration
+  archive.list("nonparametric", is_marked, [](const Hdf5Reader& child, int& marked) {
+    child.integer(internal::dark_before_rounding(), marked);
+  });
+  for (std::size_t i = 0; i < is_marked.size(); ++i) {
+    if (is_marked[i] != 0) continue;
+    std::vector<NonparametricChannel>& channels = model.nonparametric[i].channels;
+    for (std::size_t c = 0; c < channels.size(); ++c)
+      channels[c] =
+          smooth_inside_codes(std::move(channels[c]), model.black_dn[c], model.quantization_dn);
+  }
+}
+
 }  // namespace
 
 NoiseModel load_model(const std::filesystem::path& path) {
@@ -375,6 +330,7 @@ NoiseModel load_model(const std::filesystem::path& path) {
   transfer_model(archive, model);
   if (const std::string problem = contradiction_in(model); !problem.empty())
     archive.fail("the model", "contradicts itself: " + problem);
+  smooth_older_darks(archive, model);
   return model;
 }
 
