@@ -275,13 +275,13 @@ void FlatSeries::tell_response(PhysicsCalibration& out) const {
     if (!out.K.mean.empty()) out.warnings.push_back(patterns_.response_missing(run_.format()));
     return;
   }
-  Response relative = patterns_.response.response();
+  Response relative = patterns_.response.response({out.sigma_row.mean, out.row_drift.drift});
   widen_by_bend(fits_, relative);
   warn_of_response(response_pattern(relative, run_.geometry()), run_.format().layout, out);
+  take_dark_current(patterns_.of_response, run_.bias().exposure_s.value_or(0.0), relative, out);
   out.prnu_map = std::move(relative.map);
   out.prnu = std::move(relative.prnu);
   out.prnu_stderr = std::move(relative.prnu_stderr);
-  warn_of_dark_current(patterns_.darkless, run_.bias().exposure_s.value_or(0.0), out);
 }
 
 }  // namespace

@@ -289,38 +289,4 @@ void warn_of_image_lag(const std::vector<FlatObservation>& flats, const Successi
       lag, error, 100 * (1.0 - kept)));
 }
 
-void warn_of_dark_current(const std::vector<DarklessLevel>& levels, double bias_exposure_s,
-                          PhysicsCalibration& out) {
-  constexpr double kLong_s = 1.0, kOfBias = 10.0, kOfExposure = 1.2, kOfSquare = 1.5, kErrors = 5.0;
-  constexpr const char* kRemedy =
-      "add [[frames]] with kind = \"bias\" and each of the flats' exposures";
-  double longest_s = 0;
-  for (const DarklessLevel& level : levels) longest_s = std::max(longest_s, level.exposure_s);
-  if (longest_s >= std::max(kLong_s, kOfBias * bias_exposure_s)) {
-    out.warnings.push_back(
-        fmt::format("flats of up to {:.3g} s have no dark frames of their exposure: dark current "
-                    "that differs from pixel to pixel counts as PRNU; {}",
-                    longest_s, kRemedy));
-    return;
-  }
-  std::vector<DarklessLevel> known;
-  for (const DarklessLevel& level : levels)
-    if (std::isfinite(level.prnu2)) known.push_back(level);
-  if (known.empty()) return;
-  const auto lower = [](const DarklessLevel& a, const DarklessLevel& b) {
-    return a.prnu2 < b.prnu2;
-  };
-  const auto [low, high] = std::minmax_element(known.begin(), known.end(), lower);
-  if (!(high->exposure_s * low->signal_dn > kOfExposure * low->exposure_s * high->signal_dn) ||
-      !(high->prnu2 > kOfSquare * low->prnu2) ||
-      !(high->prnu2 - low->prnu2 > kErrors * std::hypot(high->prnu2_stderr, low->prnu2_stderr)))
-    return;
-  const auto percent = [](double square) { return 100 * std::sqrt(std::max(square, 0.0)); };
-  out.warnings.push_back(
-      fmt::format("PRNU is {:.3g} % at {:.4g} DN and {:.3g} s, {:.3g} % at {:.4g} DN and {:.3g} s: "
-                  "dark current that differs from pixel to pixel counts as PRNU; {}",
-                  percent(high->prnu2), high->signal_dn, high->exposure_s, percent(low->prnu2),
-                  low->signal_dn, low->exposure_s, kRemedy));
-}
-
 }  // namespace malus

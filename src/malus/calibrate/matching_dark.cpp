@@ -37,6 +37,7 @@ void take_common_shading(const CommonDark& common, MatchingDark& out) {
     out.shading_doubt_dn2[c] = hidden[c].left_stderr_dn2;
   }
   out.bias_shading_dn = common.shading_dn;
+  out.shading_frames = common.pass.temporal.frames();
 }
 
 void take_common_dark(const DarkPass& common, MatchingDark& out) {
@@ -79,6 +80,7 @@ void take_own_dark(const GainRun& run, const FrameSet& set, const CommonDark& co
     take_common_shading(common, out);
     return;
   }
+  out.shading_frames = set.count;
   out.shading_error_dn2 = out.variance_dn2;
   for (double& error : out.shading_error_dn2) error /= set.count;
   out.shading_doubt_dn2.assign(out.level_dn.size(), 0.0);

@@ -10,6 +10,7 @@ set(calibrate_SOURCES
   cut_off_noise.cpp
   dark_codes.cpp
   dark_corrections.cpp
+  dark_current.cpp
   dark_point.cpp
   defects.cpp
   equal_values.cpp

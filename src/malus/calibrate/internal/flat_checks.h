@@ -100,18 +100,4 @@ void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatR
 void warn_of_image_lag(const std::vector<FlatObservation>& flats, const SuccessiveFrames& dark,
                        PhysicsCalibration& out);
 
-/// A level of the response that has no dark frames of its own exposure.
-struct DarklessLevel {
-  double exposure_s = 0, signal_dn = 0;
-  /// Square of the PRNU of this level alone, of all channels; NaN where it shows that of some.
-  double prnu2 = 0, prnu2_stderr = 0;
-};
-
-/// Appends a warning where dark current that differs from pixel to pixel may count as PRNU. Where
-/// light grows with the exposure nothing tells the two apart: exposures of a second or more, and of
-/// ten times that of the bias frames. Where it does not: a level with more exposure for its light
-/// than another (by a fifth) has a larger PRNU, by half of its square and five standard errors.
-void warn_of_dark_current(const std::vector<DarklessLevel>& levels, double bias_exposure_s,
-                          PhysicsCalibration& out);
-
 }  // namespace malus

@@ -2,7 +2,7 @@
 #pragma once
 
 #include "malus/calibrate/frame_set.h"
-#include "malus/calibrate/internal/flat_checks.h"
+#include "malus/calibrate/internal/dark_current.h"
 #include "malus/calibrate/internal/flat_level.h"
 #include "malus/calibrate/internal/matching_dark.h"
 #include "malus/calibrate/internal/neighbour_correlation.h"
@@ -22,7 +22,7 @@ struct FlatPatterns {
       : response(geometry), neighbours(geometry) {}
   ResponseAccumulator response;
   NeighbourCorrelation neighbours;
-  std::vector<DarklessLevel> darkless;
+  std::vector<ResponseLevel> of_response;
 
   /// Adds a level and takes its mean frame. good: which channels count for K in it; each one's
   /// response is that of its own bright levels, for in coloured or polarized light another may be

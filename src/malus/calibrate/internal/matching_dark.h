@@ -24,6 +24,7 @@ struct MatchingDark {
   const TemporalAccumulator* common = nullptr;  ///< the bias frames'
   /// Per channel, variance of a pixel's error in the shading, and the standard error of that.
   std::vector<double> shading_error_dn2, shading_doubt_dn2;
+  int shading_frames = 1;  ///< that the shading is the mean of
   /// Per channel: a pixel whose shading is above is a defect, which stands out of the others
   /// without light, or lies beyond half of the range.
   std::vector<double> defect_above_dn;

@@ -4,6 +4,7 @@
 #include "malus/calibrate/geometry.h"
 #include "malus/calibrate/temporal.h"
 #include "malus/image/view.h"
+#include "malus/noise/row_drift.h"
 
 #include <map>
 #include <vector>
@@ -21,6 +22,8 @@ struct Response {
   std::vector<double> prnu_stderr;
   /// Mean signal per channel that it was measured at, each level by its weight.
   std::vector<double> level_dn = {};
+  /// And the exposure over the signal, of levels without dark frames of it; 0 for others.
+  std::vector<double> darkless_s_per_dn = {};
 };
 
 /// The dark frames that belong to a flat level.
@@ -29,6 +32,8 @@ struct DarkReference {
   std::vector<double> error_dn2;  ///< per channel, variance of the error of one of its pixels
   std::vector<double> doubt_dn2;  ///< standard error of that
   int set = 0;                    ///< levels of one set have this error in common
+  int frames = 1;
+  double darkless_s = 0;  ///< the flat's exposure, if theirs is another
 };
 
 /// Square of one level's PRNU, from differences of neighbours of one channel.
@@ -39,6 +44,12 @@ struct LevelResponse {
 /// Rows and columns of the sensor that see less than a twentieth of the light: masked ones.
 struct UnlitLines {
   std::vector<int> rows, cols;  ///< rising, from 0
+};
+
+/// Row noise of flats and dark frames alike.
+struct FrameRowNoise {
+  std::vector<double> sigma_dn;  ///< per channel
+  RowDrift drift;
 };
 
 /// Relative response of every pixel, from any number of flat levels weighted by their precision.
@@ -52,20 +63,24 @@ class ResponseAccumulator {
   /// Channels of which no level was added.
   std::vector<int> channels_without() const;
   /// Contract, of both: channels_without() is empty.
-  Response response() const;
+  Response response(const FrameRowNoise& rows) const;
   UnlitLines unlit_lines() const;
 
  private:
   struct SharedDark {
     std::vector<double> scale, error_dn2, doubt_dn2;  ///< per channel; scale: sum over the levels
+    int frames = 1;
   };
+  double row_noise_left_over(int channel, const Image& light, const FrameRowNoise& rows) const;
   MosaicGeometry geometry_;
   Image sum_;
   Image left_out_;                   ///< above 0; empty: no pixel is
   Image error_;                      ///< sampling variance of sum_ that the flats make
   std::map<int, SharedDark> darks_;  ///< by set
-  std::vector<double> weight_, weighted_mean_dn_;  ///< per channel, sums over the levels
-  std::vector<bool> seen_;                         ///< per channel
+  /// Per channel, sums over the levels.
+  std::vector<double> weight_, weighted_mean_dn_, weighted_s_per_dn_;
+  std::vector<double> per_row_noise_;  ///< variance of sum_ for one of row noise in each flat
+  std::vector<bool> seen_;             ///< per channel
 };
 
 }  // namespace malus
