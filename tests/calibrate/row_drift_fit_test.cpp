@@ -76,10 +76,20 @@ TEST(RowDriftFit, WhiteRowsStayWhite) {
     EXPECT_FALSE(fit_row_drift(drifting_offsets({}, 10, 128, 0.4, seed), explained(0.4), 10));
 }
 
+// Two frames about their mean are one, and its mirror image.
+TEST(RowDriftFit, WhiteRowsOfTwoFramesStayWhite) {
+  for (std::uint64_t seed = 0; seed < 300; ++seed) {
+    FrameSeries rows = drifting_offsets({}, 1, 32 << seed % 5, 0.4, seed);
+    rows.push_back(rows.front());
+    for (double& offset : rows.back()) offset = -offset;
+    EXPECT_FALSE(fit_row_drift(rows, explained(0.4), 1)) << seed;
+  }
+}
+
 TEST(RowDriftFit, SaysWhyItCannotDecide) {
-  const auto few = fit_row_drift(drifting_offsets({0.9, 4}, 3, 128, 0, 1), {1, 1}, 3);
+  const auto few = fit_row_drift(drifting_offsets({0.9, 4}, 1, 128, 0, 1), {1, 1}, 1);
   ASSERT_FALSE(few);
-  EXPECT_NE(few.reason().find("3 frames of 128"), std::string::npos);
+  EXPECT_NE(few.reason().find("1 frames of 128"), std::string::npos);
   const auto small = fit_row_drift(drifting_offsets({0.9, 4}, 30, 16, 0, 1), {1, 1}, 30);
   EXPECT_FALSE(small);
   const FrameSeries constant(10, std::vector<double>(64, 2.0));
@@ -144,6 +154,30 @@ TEST(RowDriftFit, ErrorsAreCarriedIntoTheRowsDeviation) {
     relative.push_back(row.standard_error.front() / row.mean.front());
   }
   EXPECT_GT(median_of(relative), 0.06);
+}
+
+// No drift was looked for in two or three frames, nor where the row group is not known: the truth
+// lay within two stated errors of σ_b in 58 % of the sessions. Now in 90 %, for a frame may show
+// little of its own drift; 60 sessions know that to 4 %. Level: four of it.
+TEST(RowDriftFit, FewFramesHoldTheDriftInTheirErrors) {
+  constexpr int kSessions = 60;
+  constexpr double kLeast = 0.74 * kSessions;
+  for (const int frames : {2, 3}) {
+    int row = 0, mu = 0;
+    for (std::uint64_t seed = 0; seed < kSessions; ++seed) {
+      testing::SimulatedCamera camera = testing::mono_camera(0.4, 0.14, 1.2, 2.0, seed);
+      camera.rows = 256;
+      camera.cols = 64;
+      camera.bias_frames = frames;
+      camera.flat_levels = 0;
+      camera.gains[0].noise.row_drift = {0.8, 10};
+      const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+      row += std::abs(p.sigma_row.mean[0] - 2.0) < 2 * p.sigma_row.standard_error[0];
+      mu += std::abs(p.mu.mean[0]) < 2 * p.mu.standard_error[0];
+    }
+    EXPECT_GE(row, kLeast) << frames;
+    EXPECT_GE(mu, kLeast) << frames;
+  }
 }
 
 }  // namespace

@@ -27,6 +27,8 @@ namespace {
 // the fixed pattern is strong enough to need it.
 constexpr int kFewFrames = 10;
 constexpr int kDarkPairs = 8;  // of frames, to compare neighbours
+constexpr int kFewIndependent = 2;
+constexpr double kFaintEvidence = 4.0;  // 2 ln L
 constexpr double kHeavyLambda = 0.05;
 
 // Sampling error of one frame's estimates, from the components themselves: row noise is shared by
@@ -79,8 +81,9 @@ void warn_of_few_frames(PhysicsCalibration& out) {
 // White where the frames do not show more. What drift moves from the rows' variance in a frame to
 // the frame's mean is given back to the former. The result is, per channel, the relative error that
 // the drift's own error gives the rows' variance so.
-std::vector<double> measure_drift(const MosaicGeometry& geometry, double kept, BiasFrames& frames,
-                                  PhysicsCalibration& out) {
+std::vector<double> measure_drift(const GainRun& run, double kept, BiasFrames& frames,
+                                  DarkPass& dark, PhysicsCalibration& out) {
+  const MosaicGeometry& geometry = run.geometry();
   const std::vector<double> pixel = mean_over_frames(frames.pixel);
   std::vector<double> explained;
   for (int g = 0; g < geometry.group_phases(); ++g) {
@@ -92,9 +95,14 @@ std::vector<double> measure_drift(const MosaicGeometry& geometry, double kept, B
     explained.push_back(kept * variance / (pixels * pixels));
   }
   const auto count = static_cast<double>(frames.row_offset.size());
+  const int independent = static_cast<int>(kept * count + 0.5);
+  const auto clear = fit_row_drift(frames.row_offset, explained, independent);
+  // One frame or two may show little of a drift that makes σ_b uncertain all the same.
   const FittedRowDrift fitted =
-      fit_row_drift(frames.row_offset, explained, static_cast<int>(kept * count + 0.5))
-          .value_or({});
+      clear || independent > kFewIndependent
+          ? clear.value_or({})
+          : fit_row_drift(frames.row_offset, explained, independent, kFaintEvidence).value_or({});
+  dark.doubtful_drift = !clear || !run.row_group().known;
   out.row_drift = fitted;
   std::vector<double> error;
   for (int c = 0; c < geometry.channels(); ++c) {
@@ -270,8 +278,7 @@ void measure_bias(const GainRun& run, DarkPass& dark, PhysicsCalibration& out) {
   dark.farthest = farthest.release();
   const double kept = remove_pattern ? 1.0 - 1.0 / count : 1.0;
   std::vector<double> of_drift(format.black_dn.size(), 0.0);
-  if (run.row_group().known && remove_pattern)
-    of_drift = measure_drift(geometry, kept, frames, out);
+  if (remove_pattern) of_drift = measure_drift(run, kept, frames, dark, out);
   level_of_ordinary_pixels(channel_means(pattern, geometry), ordinary.mean_dn, frames);
   fill_components(frames, geometry, analyzer.row_covariance_dn2(), kept, out);
   widen_by_drift(of_drift, out);

@@ -187,6 +187,7 @@ CalibratedGain calibrate_gain(GainRun& run, double step_dn, RowGroupDecision& ro
   warn_of_many_defects(result.defects.size(), geometry, out);
   leave_defects_out(pixels, result.defects, geometry, out);
   restore_dsnu(dark, out);
+  if (dark.doubtful_drift) out.row_drift = {};
   if (!run.settings().maps) {
     out.dark_shading_dn = Image();
     out.prnu_map = Image();

@@ -15,7 +15,7 @@ namespace {
 
 using Values = std::vector<double>;
 
-constexpr std::size_t kLeastFrames = 4, kLeastGroups = 32;
+constexpr std::size_t kLeastFrames = 2, kLeastGroups = 32;
 constexpr double kShortest = 0.5;  // row groups: below, slow and white part look alike
 // Lengths of the longest drift in a frame's height: of a longer one a frame shows a slope whatever
 // its length and share, and the rest is the frames' levels'.
@@ -174,7 +174,7 @@ double lag_sum(const RowDrift& drift, int n, int stride, int shift, const Functi
 }  // namespace
 
 Estimate<FittedRowDrift> fit_row_drift(const FrameSeries& offsets_dn, const Values& explained_dn2,
-                                       int independent_frames) {
+                                       int independent_frames, double least_evidence) {
   MALUS_REQUIRE(!offsets_dn.empty() && !explained_dn2.empty());
   if (offsets_dn.size() < kLeastFrames || offsets_dn.front().size() < kLeastGroups)
     return Undecided{fmt::format("{} frames of {} row groups; {} of {} are needed",
@@ -187,7 +187,7 @@ Estimate<FittedRowDrift> fit_row_drift(const FrameSeries& offsets_dn, const Valu
   const Fit fit = best_fit(spectrum);
   const double white = deviance(spectrum, Values(spectrum.power.size(), 1.0), 0.0);
   const double evidence = 2.0 * independent_frames * (white - fit.deviance);
-  if (!(evidence > kRowDriftEvidence))
+  if (!(evidence > least_evidence))
     return Undecided{fmt::format("2 ln L = {:.1f} against white rows; {:.0f} are needed", evidence,
                                  kRowDriftEvidence)};
   const Eigen::Matrix2d errors = error_covariance(spectrum, fit, independent_frames);

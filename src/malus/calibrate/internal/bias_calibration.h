@@ -30,6 +30,9 @@ struct DarkPass {
   /// Per channel, by measure_bias; empty of a single frame and where single_frame is set.
   std::vector<CutOffNoise> cut_off = {};
   std::vector<FarthestValue> farthest = {};  ///< by measure_bias
+  /// By measure_bias: the drift may be the row group's, which is not known, or chance. Errors hold
+  /// it, but the model should not.
+  bool doubtful_drift = false;
 };
 
 /// To judge its pixels by; shading_dn: the mean frame, from any level of each channel.
@@ -38,10 +41,10 @@ DarkPixels dark_pixels(const DarkPass& dark, View<const float> shading_dn);
 /// step_dn: quantization_step of the bias set's first frame. The row group need not be known.
 DarkPass measure_dark(const GainRun& run, double step_dn);
 
-/// Second pass: takes every frame apart and fills mu, sigma_row, row_drift (white unless the row
-/// group is known and the fixed pattern removed), sigma_column, sigma_tl, lambda,
-/// temporal_sd_dark, dsnu, dark_shading, row_correlation, bias_frames and warnings of `out`. Takes
-/// the mean frame of `dark`.
+/// Second pass: takes every frame apart and fills mu, sigma_row, row_drift (white unless the fixed
+/// pattern was removed; see doubtful_drift), sigma_column, sigma_tl, lambda, temporal_sd_dark,
+/// dsnu, dark_shading, row_correlation, bias_frames and warnings of `out`. Takes the mean frame of
+/// `dark`.
 void measure_bias(const GainRun& run, DarkPass& dark, PhysicsCalibration& out);
 
 }  // namespace malus

@@ -20,13 +20,14 @@ struct FittedRowDrift : MeasuredRowDrift {
 ///
 /// Maximises Whittle's likelihood of the frames' mean periodogram with the expected periodogram of
 /// finite frames (Sykulski, Olhede, Guillaumin, Lilly, Early, "The debiased Whittle likelihood",
-/// Biometrika 106, 2019, eq. 5). Undecided, which means white, with fewer than 4 frames or 32
-/// groups, and where the likelihood ratio against white rows, 2 ln L, stays below
-/// kRowDriftEvidence: chance of a false drift below 1 in 1000.
+/// Biometrika 106, 2019, eq. 5). Undecided, which means white, with fewer than 2 frames or 32
+/// groups, and where the likelihood ratio against white rows, 2 ln L, stays below the evidence
+/// asked for. Of kRowDriftEvidence: chance of a false drift below 1 in 1000.
 inline constexpr double kRowDriftEvidence = 20.0;
 Estimate<FittedRowDrift> fit_row_drift(const FrameSeries& offsets_dn,
                                        const std::vector<double>& explained_dn2,
-                                       int independent_frames);
+                                       int independent_frames,
+                                       double least_evidence = kRowDriftEvidence);
 
 /// What drift adds to the sampling of one frame, as sums over the lags of white rows' terms. A
 /// channel has n row groups, `stride` apart; those of the other channel lie `shift` further on.
