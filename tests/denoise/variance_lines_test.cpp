@@ -44,5 +44,32 @@ TEST(VarianceLines, KeepTheBrightnessOfOneElectron) {
   EXPECT_NEAR(mean, 8.0, 0.8);
 }
 
+// Four channels of 0.4 DN/e-, the first multiplied by 2 after the conversion: settled together it
+// had half of its slope, or more where its own error allowed it.
+TEST(VarianceLines, ShareTheirGainButForTheDigitalOne) {
+  const std::vector<double> gains = {2, 1, 1, 1};
+  const auto lines = [&](double first) {
+    internal::VarianceLines out;
+    for (std::size_t k = 0; k < gains.size(); ++k) {
+      const double gain = k == 0 ? first : 1.0;
+      std::vector<internal::VarianceLevel> levels;
+      for (const double signal : {100.0, 200.0, 400.0, 800.0})
+        levels.push_back({gain * signal, gain * gain * (0.4 * signal + 1), 0.2});
+      out.add(levels, true);
+    }
+    return out;
+  };
+  internal::VarianceLines multiplied = lines(2);
+  EXPECT_TRUE(multiplied.agree_without(gains));
+  multiplied.gains = gains;
+  multiplied.settle();
+  for (const double kept : {1.0, 0.0}) {
+    const std::vector<VarianceCurve> curves = multiplied.curves(kept);
+    for (std::size_t k = 0; k < gains.size(); ++k)
+      EXPECT_NEAR(curves[k](500) / (gains[k] * 200 + gains[k] * gains[k]), 1, 0.01) << k;
+  }
+  EXPECT_FALSE(lines(1).agree_without(gains));  // what codes tell may be a camera's curve
+}
+
 }  // namespace
 }  // namespace malus

@@ -12,6 +12,7 @@
 #include "malus/denoise/row_noise.h"
 #include "malus/denoise/saturated_pixels.h"
 #include "malus/image/black_levels.h"
+#include "malus/image/digital_gain.h"
 #include "malus/image/pack.h"
 #include "malus/image/quantization.h"
 #include "malus/noise/clipped_noise.h"
@@ -193,6 +194,25 @@ Planes planes_above_black(const RawFrame& frame, const std::vector<float>& piles
   return planes;
 }
 
+// Digital gains of the channels over the least of them; empty where the codes tell none, or the
+// noise does not bear them out.
+std::vector<double> gains_of(const Planes& planes, const VarianceLines& channels, double step_dn) {
+  constexpr std::size_t kPixels = 1 << 16;
+  std::vector<double> gains;
+  for (const Image& plane : planes) {
+    const std::vector<float>& all = plane.values();
+    std::vector<float> some;
+    const std::size_t stride = all.size() / kPixels + 1;
+    for (std::size_t i = 0; i < all.size(); i += stride) some.push_back(all[i]);
+    gains.push_back(digital_gain(some, step_dn));
+  }
+  const auto [least, most] = std::minmax_element(gains.begin(), gains.end());
+  if (*least == *most) return {};
+  const double lowest = *least;
+  for (double& gain : gains) gain /= lowest;
+  return channels.agree_without(gains) ? gains : std::vector<double>{};
+}
+
 // planes: DN above black. piles_dn: of the frame's channels (saturated_pixels.h).
 Estimate<PlanesNoise> measure_planes(const Planes& planes, const RawFrame& frame,
                                      const std::vector<float>& piles_dn, double step_dn) {
@@ -219,6 +239,7 @@ Estimate<PlanesNoise> measure_planes(const Planes& planes, const RawFrame& frame
     out.mean_dn.push_back(mean_signal(blocks));
     out.levels += static_cast<int>(out.channels.levels.back().size());
   }
+  out.channels.gains = gains_of(planes, out.channels, step_dn);
   out.has_noise = std::sqrt(out.channels.highest_variance) > 1e-6 * std::max(range_dn, 1e-30);
   out.smooth_share = usable / all;
   return out;

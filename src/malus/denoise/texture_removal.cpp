@@ -105,17 +105,24 @@ void bound_by(const std::vector<VarianceLevel>& shown, bool black_known,
   }
 }
 
-// Level by level the mean of the channels, which share their gain.
-std::vector<VarianceLevel> mean_of_channels(const std::vector<std::vector<VarianceLevel>>& levels) {
+// The same values times a gain.
+VarianceLevel scaled(const VarianceLevel& level, double gain) {
+  return {level.signal * gain, level.variance * gain * gain, level.relative_error};
+}
+
+// Level by level the mean of the channels, which share their gain but for the digital one.
+std::vector<VarianceLevel> mean_of_channels(const VarianceLines& lines) {
+  const std::vector<std::vector<VarianceLevel>>& levels = lines.levels;
   std::size_t count = levels.front().size();
   for (const std::vector<VarianceLevel>& own : levels) count = std::min(count, own.size());
   std::vector<VarianceLevel> mean(count, VarianceLevel{0, 0, 0});
   const double share = 1.0 / static_cast<double>(levels.size());
-  for (const std::vector<VarianceLevel>& own : levels)
+  for (std::size_t k = 0; k < levels.size(); ++k)
     for (std::size_t i = 0; i < count; ++i) {
-      mean[i].signal += share * own[i].signal;
-      mean[i].variance += share * own[i].variance;
-      mean[i].relative_error += share * own[i].relative_error;
+      const VarianceLevel own = scaled(levels[k][i], 1.0 / lines.gain(k));
+      mean[i].signal += share * own.signal;
+      mean[i].variance += share * own.variance;
+      mean[i].relative_error += share * own.relative_error;
     }
   return mean;
 }
@@ -140,7 +147,7 @@ double hear_quiet_patches(const Image& dn, const SensorLayout& layout,
                           const std::vector<double>& dark_dn, VarianceLines& lines) {
   const std::vector<VarianceCurve> before = lines.curves(1.0);
   const std::vector<std::vector<VarianceLevel>> levels = lines.levels;
-  std::vector<VarianceLevel> usual = mean_of_channels(levels);
+  std::vector<VarianceLevel> usual = mean_of_channels(lines);
   for (VarianceLevel& level : usual)
     level.relative_error = std::max(level.relative_error, kErrorOfMean);
   const double root = std::sqrt(static_cast<double>(levels.size()));
@@ -155,7 +162,8 @@ double hear_quiet_patches(const Image& dn, const SensorLayout& layout,
       return 1.0;
     if (pass == 0) continue;
     for (std::size_t k = 0; k < levels.size(); ++k) {
-      std::vector<VarianceLevel> told, shown = usual;
+      std::vector<VarianceLevel> told, shown;
+      for (const VarianceLevel& level : usual) shown.push_back(scaled(level, lines.gain(k)));
       for (const QuietPatches& q : quiet)
         told.push_back({q.signal_dn[k],
                         std::max(q.ratio * curves[k](q.signal_dn[k]), lines.rounding_dn2),

@@ -101,6 +101,28 @@ void pool(std::vector<VarianceLine>& lines) {
   }
 }
 
+// Values divided by a gain.
+VarianceLine divided(const VarianceLine& line, double gain) {
+  return {line.slope / gain, line.offset / (gain * gain), line.slope_error / gain,
+          line.offset_error / (gain * gain)};
+}
+
+// How far slopes lie from their mean, in squares of their errors and of what pooling allows.
+double disagreement(const std::vector<VarianceLine>& lines) {
+  double slope = 0, weight = 0, sum = 0;
+  std::vector<double> weights;
+  for (const VarianceLine& l : lines) {
+    const double allowed = kPooledDeviation * l.slope;
+    weights.push_back(1.0 / std::max(l.slope_error * l.slope_error + allowed * allowed, 1e-300));
+    slope += weights.back() * l.slope;
+    weight += weights.back();
+  }
+  slope /= weight;
+  for (std::size_t k = 0; k < lines.size(); ++k)
+    sum += weights[k] * (lines[k].slope - slope) * (lines[k].slope - slope);
+  return sum;
+}
+
 // The offset that carries the pooled slope through the channel's levels; returns the sum of
 // weights.
 double fit_offset(const std::vector<VarianceLevel>& levels, VarianceLine& line) {
@@ -155,8 +177,17 @@ void VarianceLines::add(std::vector<VarianceLevel> of_channel, bool black_known)
   levels.push_back(std::move(of_channel));
 }
 
+bool VarianceLines::agree_without(const std::vector<double>& of_channels) const {
+  std::vector<VarianceLine> without;
+  for (std::size_t k = 0; k < lines.size(); ++k)
+    without.push_back(divided(lines[k], of_channels[k]));
+  return disagreement(without) < disagreement(lines);
+}
+
 void VarianceLines::settle() {
+  for (std::size_t k = 0; k < lines.size(); ++k) lines[k] = divided(lines[k], gain(k));
   pool(lines);
+  for (std::size_t k = 0; k < lines.size(); ++k) lines[k] = divided(lines[k], 1.0 / gain(k));
   weights.clear();
   for (std::size_t k = 0; k < lines.size(); ++k) {
     weights.push_back(fit_offset(levels[k], lines[k]));
@@ -171,15 +202,17 @@ void VarianceLines::refit() {
 
 std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
   std::vector<VarianceLevel> all;
-  for (const std::vector<VarianceLevel>& own : levels)
-    all.insert(all.end(), own.begin(), own.end());
+  for (std::size_t k = 0; k < levels.size(); ++k)
+    for (const VarianceLevel& l : levels[k])
+      all.push_back({l.signal / gain(k), l.variance / (gain(k) * gain(k)), l.relative_error});
   VarianceLine common = fit_levels(all);
   if (black_is_known && common.offset < 0) common = shot_noise_of(all);
   std::vector<VarianceCurve> result;
   for (std::size_t k = 0; k < lines.size(); ++k) {
+    const VarianceLine of_all = divided(common, 1.0 / gain(k));
     VarianceLine line;
-    line.slope = common.slope + kept * (lines[k].slope - common.slope);
-    line.offset = common.offset + kept * (lines[k].offset - common.offset);
+    line.slope = of_all.slope + kept * (lines[k].slope - of_all.slope);
+    line.offset = of_all.offset + kept * (lines[k].offset - of_all.offset);
     result.push_back(curve_of(line, levels[k], rounding_dn2));
   }
   return result;

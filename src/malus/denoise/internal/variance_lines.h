@@ -28,9 +28,18 @@ struct VarianceLines {
   /// [channel] the lowest code above black, where noise is cut off (cut_off.h); else below all.
   std::vector<double> floor_dn;
 
+  /// [channel] what its values were multiplied by after the conversion (digital_gain); a line in
+  /// values without it has the slope over it. Empty: 1.
+  std::vector<double> gains;
+  double gain(std::size_t channel) const { return gains.empty() ? 1.0 : gains[channel]; }
+
   /// A channel more, with a line through its own levels alone.
   void add(std::vector<VarianceLevel> of_channel, bool black_known);
-  /// Lines through their levels that know of each other: channels share their gain.
+  /// Whether the channels' own lines are more alike without these gains than with them: what codes
+  /// tell of gains may be the camera's curve.
+  bool agree_without(const std::vector<double>& of_channels) const;
+  /// Lines through their levels that know of each other: channels share their gain, but for the
+  /// digital one.
   void settle();
   /// Both anew, for levels that have changed.
   void refit();
