@@ -287,7 +287,7 @@ void measure_bias(const GainRun& run, DarkPass& dark, PhysicsCalibration& out) {
     undo_cut_off(dsnu_dn(ordinary.variance_dn2, temporal_of(ordinary, count), count), analyzer,
                  format.black_dn, dark, frames, out);
   measure_shapes({frames.residuals, mean_over_frames(frames.pixel), analyzer, dark.hidden,
-                  quantization_dn, kept, run.settings().shape == "ppcc"},
+                  dark.cut_off, quantization_dn, kept, run.settings().shape == "ppcc"},
                  format.layout, out);
   if (remove_pattern) warn_of_few_frames(out);
   warn_of_dark_frames(frames, dark, format, out);

@@ -2,8 +2,11 @@
 
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
+#include "malus/calibrate/internal/censored_noise.h"
 #include "malus/calibrate/internal/cut_off_noise.h"
 #include "malus/calibrate/internal/fixed_pattern.h"
+#include "malus/calibrate/internal/tukey_fit.h"
+#include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
@@ -104,6 +107,33 @@ void warn_of_rough_cut_off(const DarkPass& dark, PhysicsCalibration& out) {
       pattern, step));
 }
 
+// Where too much is cut off for a mirror image. shown_dn2: temporal variance; of offsets the share
+// that is not cut off shows.
+CutOffNoise cut_off_by_law(const CutOffPlace& place, double shown_dn2, double dsnu_dn,
+                           double row_dn, double residuals) {
+  CutOffNoise cut;
+  if (!(place.zero_share > kMostMirroredZeros)) return cut;
+  const CensoredNoise law = find_censored_noise(
+      {place.level_dn, shown_dn2 + dsnu_dn * dsnu_dn, place.zero_share, place.step_dn, residuals});
+  if (!law.known) return cut;
+  cut.slope = law.slope;
+  cut.shift_dn = place.level_dn - law.mean_dn;
+  cut.shift_stderr_dn = law.mean_stderr_dn;
+  const double pattern_dn2 = std::pow(dsnu_dn / cut.slope, 2),
+               rows_dn2 = std::pow(row_dn / cut.slope, 2);
+  cut.variance_dn2 = law.variance_dn2 + place.step_dn * place.step_dn / 12.0 - pattern_dn2 -
+                     shown_dn2 - (rows_dn2 - row_dn * row_dn);
+  // The law is that of the noise with its offsets, normal ones, which takes of the excess kurtosis
+  // twice their share; it is nearly linear in λ.
+  const double normal = 2.0 * (pattern_dn2 + rows_dn2) / law.variance_dn2;
+  const double more = normal * (law.lambda - kNormalLambda);
+  cut.lambda = std::clamp(law.lambda + more, kLambdaLow, kLambdaHigh);
+  cut.lambda_stderr = std::hypot(law.lambda_stderr * (1.0 + normal), 0.5 * more);
+  cut.variance_stderr_dn2 = law.variance_stderr_dn2;
+  cut.by_law = cut.known = cut.variance_dn2 > 0;
+  return cut;
+}
+
 }  // namespace
 
 void take_hidden_noise(const GainRun& run, CodePairCounter& pairs, const OrdinaryPixels& mean_frame,
@@ -148,19 +178,23 @@ void undo_cut_off(const std::vector<double>& dsnu_dn, const FrameAnalyzer& analy
         mu + black_dn[c] - dark.floor_dn[c], std::hypot(dsnu_dn[c], row), dark.step_dn,
         dark.zero_share[c],
         analyzer.offset_variance_dn2(static_cast<int>(c), std::max(pixel[c], 0.0))};
-    const CutOffNoise cut = find_cut_off_noise(pooled_over_frames(frames.residuals, c),
-                                               pooled_over_frames(frames.above, c), place);
+    const ResidualHistogram all = pooled_over_frames(frames.residuals, c);
+    CutOffNoise cut = find_cut_off_noise(all, pooled_over_frames(frames.above, c), place);
+    if (!cut.known)
+      cut = cut_off_by_law(place, sd * sd, dsnu_dn[c], row, static_cast<double>(all.count()));
     if (!cut.known) continue;
     dark.cut_off.back() = cut;
     for (std::size_t f = 0; f < frames.residuals.size(); ++f) {
-      frames.residuals[f][c] =
-          residuals_before_cut_off(frames.residuals[f][c], frames.above[f][c], place, cut);
+      if (!cut.by_law)
+        frames.residuals[f][c] =
+            residuals_before_cut_off(frames.residuals[f][c], frames.above[f][c], place, cut);
       out.mu.per_frame[f][c] -= cut.shift_dn;
       out.sigma_row.per_frame[f][c] /= cut.slope;
       frames.pixel[f][c] += cut.variance_dn2;
     }
     mu -= cut.shift_dn;
-    out.mu.standard_error[c] /= cut.slope;
+    out.mu.standard_error[c] =
+        std::hypot(out.mu.standard_error[c] / cut.slope, cut.shift_stderr_dn);
     const double rows_dn2 = row * row * (1.0 / (cut.slope * cut.slope) - 1.0);
     dark.cut_off.back().rows_dn2 = rows_dn2;
     row /= cut.slope;

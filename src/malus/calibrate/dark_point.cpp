@@ -131,7 +131,7 @@ void append_dark_point(bool hidden, const DarkPoint& dark, PhysicsCalibration& o
 void take_cut_off(const CutOffNoise& cut, double zero_share, double floor_dn, DarkPoint& dark,
                   std::vector<TransferLevel>& levels) {
   if (!cut.known) return;
-  dark.cut_off = false;
+  if (!cut.by_law) dark.cut_off = false;  // a law errs by more than it knows
   const double taken_dn2 = cut.variance_dn2 + cut.rows_dn2;
   dark.variance_dn2 += taken_dn2;
   dark.variance_stderr_dn2 = std::hypot(dark.variance_stderr_dn2, cut.variance_stderr_dn2);

@@ -112,6 +112,24 @@ void append_nearly_normal(double read_variance_dn2, std::size_t frames, PhysicsC
   append_frames({}, frames, out.sigma_tl);
 }
 
+// Shape of the law that tells what was cut off, with the variance that it has without offsets.
+void append_law(const CutOffNoise& cut, double read_variance_dn2, std::size_t frames,
+                PhysicsCalibration& out) {
+  constexpr double kStep = 1e-3;  // of λ
+  const double of_shape = tukey_lambda_variance(cut.lambda);
+  const double scale = std::sqrt(std::max(read_variance_dn2, 0.0) / of_shape);
+  const double by_lambda =
+      0.5 * (tukey_lambda_variance(cut.lambda + kStep) - of_shape) / (kStep * of_shape);
+  append_unknown(cut.lambda, scale, out);
+  out.lambda.standard_error.back() = cut.lambda_stderr;
+  if (read_variance_dn2 > 0)
+    out.sigma_tl.standard_error.back() =
+        scale * std::hypot(0.5 * cut.variance_stderr_dn2 / read_variance_dn2,
+                           by_lambda * cut.lambda_stderr);
+  append_frames({}, frames, out.lambda);
+  append_frames({}, frames, out.sigma_tl);
+}
+
 // Not empty: what is said of noise that the step hides, of which this variance is kept.
 std::string hidden_words(const HiddenNoise& hidden) {
   if (!hidden.hidden) return {};
@@ -144,6 +162,11 @@ void measure_shape(const ShapeInput& in, int c, const std::string& name, Channel
     troubles.add(name, hidden_words(hidden));
     return;
   }
+  const double rounding_dn2 = in.quantization_dn * in.quantization_dn / 12.0;
+  if (as_index(c) < in.cut_off.size() && in.cut_off[as_index(c)].by_law) {
+    append_law(in.cut_off[as_index(c)], pixel - rounding_dn2, count, out);
+    return;
+  }
   const ResidualBlur blur{in.quantization_dn,
                           in.analyzer.offset_variance_dn2(c, std::max(pixel, 0.0))};
   const auto fit = fit_tukey_lambda(pooled, blur);
@@ -152,7 +175,7 @@ void measure_shape(const ShapeInput& in, int c, const std::string& name, Channel
     shapes = in.ppcc ? ppcc_shapes(in, c, blur) : likelihood_shapes(in, c, pooled, blur, *fit);
   const std::string unknown = !fit ? fit.reason() : in.ppcc ? "" : runaway(shapes, *fit);
   if (!unknown.empty()) {
-    append_nearly_normal(pixel - in.quantization_dn * in.quantization_dn / 12.0, count, out);
+    append_nearly_normal(pixel - rounding_dn2, count, out);
     troubles.add(
         name,
         fmt::format("shape of the read noise is not known ({}); taken as nearly normal, λ = {}",

@@ -5,6 +5,7 @@ set(calibrate_SOURCES
   bias_frames.cpp
   calibrate.cpp
   cell_density.cpp
+  censored_noise.cpp
   channel_words.cpp
   clean_frame.cpp
   cut_off_noise.cpp

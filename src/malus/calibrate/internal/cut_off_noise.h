@@ -25,6 +25,10 @@ struct CutOffNoise {
   double slope = 1;     ///< share of an offset's change that shows
   double rows_dn2 = 0;  ///< what the cut took from the rows' variance, σ_b²
   bool known = false;
+  /// Told by the mirror image of what shows, but for shares of zeros beyond it: then by the
+  /// Tukey-lambda law that shows as much, whose shape is this.
+  bool by_law = false;
+  double shift_stderr_dn = 0, lambda = 0, lambda_stderr = 0;  ///< by_law
 };
 
 /// Residuals beyond this share of zeros tell too little of what they were.

@@ -2,6 +2,7 @@
 // (000, 3.2).
 #pragma once
 
+#include "malus/calibrate/internal/cut_off_noise.h"
 #include "malus/calibrate/internal/frame_components.h"
 #include "malus/calibrate/internal/residual_histogram.h"
 #include "malus/calibrate/internal/rounded_noise.h"
@@ -25,6 +26,7 @@ struct ShapeInput {
   std::vector<double> pixel_variance_dn2;                        ///< per channel, rounding and all
   const FrameAnalyzer& analyzer;                                 ///< that made the residuals
   const std::vector<HiddenNoise>& hidden;                        ///< per channel; may be empty
+  const std::vector<CutOffNoise>& cut_off;                       ///< per channel; may be empty
   double quantization_dn = 0, kept = 1;  ///< kept: share of a variance left in the residuals
   bool ppcc = false;                     ///< the papers' estimator
 };
@@ -32,7 +34,8 @@ struct ShapeInput {
 /// Fills sigma_tl, lambda, residual_cell_dn and residual_counts of `out` and appends warnings. A
 /// shape that the residuals do not tell is nearly normal, with their variance. Noise that the
 /// converter's step hides is normal with the variance of `hidden` less the row noise of `out`, or
-/// at the standard's limit where that is not known either; 0 where no pixel changes its code.
+/// at the standard's limit where that is not known either; 0 where no pixel changes its code. Of
+/// noise that a law tells (CutOffNoise::by_law) the shape is the law's.
 void measure_shapes(const ShapeInput& in, const SensorLayout& layout, PhysicsCalibration& out);
 
 }  // namespace malus
