@@ -4,6 +4,7 @@
 #include "malus/base/random.h"
 #include "malus/denoise/internal/mosaic_filter.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 
@@ -75,32 +76,61 @@ TEST(Repeats, AreNotFoundInNoiseSlopesEdgesAndSmallFrames) {
     EXPECT_TRUE(steps_in(noisy_light(size, size, print), 0, 0).empty());
 }
 
+// The frame filtered by profile `fast`, with those repeats.
+Image filtered(const FrameSource& source, CellStatistics statistics, const Repeats& repeats) {
+  const MosaicFilterPlan plan = mosaic_filter_plan("nl-ridge", "fast", colour_polarization());
+  statistics.repeats = repeats;
+  const int edge = mosaic_filter_border(plan, colour_polarization());
+  const Image whole =
+      filter_mosaic(cut_tile(source, -edge, -edge, source.rows + 2 * edge, source.cols + 2 * edge),
+                    source.rows, source.cols, statistics, plan, silent_progress());
+  Image result(source.rows, source.cols);
+  for (int r = 0; r < source.rows; ++r)
+    std::copy_n(whole.row(edge + r) + edge, source.cols, result.row(r));
+  return result;
+}
+
 // All copies lie beyond the near search and between the cells of the wide one.
 TEST(Repeats, HelpTheFilter) {
   const Image clean_and_noise[] = {
       noisy_light(384, 384, [](int r, int c) { return 20 + 6 * weave(r, c); }),
       noisy_light(384, 384, [](int, int) { return 0.0; })};
   const FrameSource source = source_of(clean_and_noise[0], colour_polarization());
-  const MosaicFilterPlan plan = mosaic_filter_plan("nl-ridge", "fast", colour_polarization());
-  ASSERT_TRUE(plan.repeats);
-  EXPECT_FALSE(plan.coarse.front().repeats);
-  const auto error = [&](const CellStatistics& statistics) {
-    const int edge = mosaic_filter_border(plan, colour_polarization());
-    const Image whole =
-        filter_mosaic(cut_tile(source, -edge, -edge, 384 + 2 * edge, 384 + 2 * edge), 384, 384,
-                      statistics, plan, silent_progress());
+  const CellStatistics statistics = measure_cells(source);
+  const Repeats repeats = internal::find_repeats(source);
+  EXPECT_EQ(repeats.reach(), 136);  // twice 17 cells
+  const auto error = [&](const Repeats& taken) {
+    const Image result = filtered(source, statistics, taken);
     double sum = 0;
-    for (int r = 0; r < 384; ++r)
-      for (int c = 0; c < 384; ++c)
-        sum += std::pow(
-            whole(edge + r, edge + c) - (clean_and_noise[0](r, c) - clean_and_noise[1](r, c)), 2);
+    for (std::size_t i = 0; i < result.size(); ++i)
+      sum += std::pow(
+          result.values()[i] - (clean_and_noise[0].values()[i] - clean_and_noise[1].values()[i]),
+          2);
     return sum;
   };
-  CellStatistics statistics = measure_cells(source);
-  const double without = error(statistics);
-  statistics.repeats = internal::find_repeats(source);
-  EXPECT_EQ(statistics.repeats.reach(), 136);  // twice 17 cells
-  EXPECT_LT(error(statistics), 0.7 * without);
+  EXPECT_LT(error(repeats), 0.7 * error({}));
+}
+
+// Or blocks would count twice.
+TEST(Repeats, AddNothingThatASearchTakesAnyway) {
+  const Image noisy = noisy_light(150, 170, [](int r, int c) { return 20 + 6 * weave(r, c); });
+  const FrameSource source = source_of(noisy, colour_polarization());
+  const CellStatistics statistics = measure_cells(source);
+  Repeats known(1, 1), other(1, 1);
+  // Eight cells near by, and every second one up to sixteen.
+  known.of_region(0, 0) = {{32, 0}, {-32, 0}, {0, 4}, {64, -40}, {-64, 40}, {8, 56}, {-8, -56}};
+  other.of_region(0, 0) = {{0, 68}, {0, -68}};
+  const Image without = filtered(source, statistics, {});
+  EXPECT_EQ(filtered(source, statistics, known).values(), without.values());
+  EXPECT_NE(filtered(source, statistics, other).values(), without.values());
+}
+
+TEST(Repeats, AreOfTheFramesOwnSizeAlone) {
+  for (const char* profile : {"fast", "normal", "high"}) {
+    const MosaicFilterPlan plan = mosaic_filter_plan("nl-ridge", profile, colour_polarization());
+    EXPECT_TRUE(plan.repeats);
+    EXPECT_FALSE(plan.coarse.front().repeats);
+  }
 }
 
 TEST(Repeats, ReachFurtherWithThem) {
