@@ -22,13 +22,14 @@ inline PhysicsNoise camera_noise(const SensorLayout& layout) {
   return noise;
 }
 
-/// Polarized blobs and an edge, 20 to 300 DN.
+/// Polarized blobs and an edge, 20 to 300 DN. The edge bends: a straight one repeats along itself,
+/// and tiles of what repeats need more of their surroundings.
 inline Image polarized_blobs(int rows, int cols) {
   Image dn(rows, cols);
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {
       const double smooth = 120 + 80 * std::sin(r * 0.03) * std::cos(c * 0.04);
-      const double edge = r + 2 * c > rows + cols ? 60 : 0;
+      const double edge = 4.0 * r * c > rows * cols ? 60 : 0;
       const double polarization = 1 + 0.2 * ((r + c) % 2 ? 1 : -1) * std::cos(0.02 * c);
       dn(r, c) = static_cast<float>((smooth + edge) * polarization);
     }
