@@ -6,6 +6,7 @@
 #include "malus/base/wording.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/io/picture_file.h"
+#include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/layout_check.h"
 
@@ -95,6 +96,13 @@ std::string nonfinite_complaint(View<const float> dn, const std::string& source,
 std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,
                                       const std::string& source) {
   return complaint_of(count, pixels, source, "taken as dark");
+}
+
+std::vector<float> take_as_light(RawFrame& frame) {
+  if (frame.bits == 0) frame.black_known = true;
+  const std::vector<float> saturated_dn = saturation_dn(frame);
+  subtract_black(frame);
+  return saturated_dn;
 }
 
 std::string unknown_black_complaint(const RawFrame& frame) {

@@ -59,6 +59,10 @@ std::string_view fate_in_guide(const std::string& method, bool as_float);
 /// Whether renoise's result holds the noisy frame: new noise on a given guide does not.
 bool shows_noisy_frame(const std::string& method, bool guide_given);
 
+/// Takes the black level off a frame that is to be light; floats are light already, with a black
+/// level of 0 that is known. Returns saturation_dn of the frame as it was.
+std::vector<float> take_as_light(RawFrame& frame);
+
 /// What a frame above black was taken for without anybody having stated it, layout, black and white
 /// level, and where its pixels or its file contradict the layout: warnings without its name.
 std::vector<std::string> guess_complaints(const RawFrame& frame);

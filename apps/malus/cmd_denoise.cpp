@@ -267,7 +267,7 @@ void print_records(const DenoiseArguments& arguments, const std::vector<FrameRec
     text += record.text;
     all.push_back(record.json);
   }
-  print_result(common, arguments.inputs.size() == 1 ? all.front() : Json{{"frames", all}}, text);
+  print_frames(common, all, arguments.inputs.size(), text);
 }
 
 void run_denoise(DenoiseArguments arguments, const Common& common) {
@@ -294,7 +294,7 @@ void run_denoise(DenoiseArguments arguments, const Common& common) {
   DenoiseRun run(arguments, denoiser, options, std::move(model),
                  arguments.report.empty() ? nullptr : &report, *progress, common.force);
   std::vector<FrameRecord> records;
-  try {
+  const auto work = [&] {
     for (std::size_t i = 0; i < arguments.inputs.size(); ++i)
       records.push_back(run.process(
           {arguments.inputs[i],
@@ -304,11 +304,8 @@ void run_denoise(DenoiseArguments arguments, const Common& common) {
            common.force ? stale_files(arguments, arguments.inputs[i]) : std::vector<fs::path>(),
            i + 1 == arguments.inputs.size()}));
     if (!arguments.report.empty()) write_denoise_report(report, arguments.report, common.force);
-  } catch (...) {  // the results of the frames before are there, and this says which
-    if (!records.empty()) print_records(arguments, records, common);
-    throw;
-  }
-  print_records(arguments, records, common);
+  };
+  work_and_print(work, [&] { print_records(arguments, records, common); });
 }
 
 }  // namespace

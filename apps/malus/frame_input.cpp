@@ -47,9 +47,7 @@ FrameOptions options_for_file(const std::filesystem::path& path, const FrameOpti
 FrameAsLight load_as_light(const std::filesystem::path& path, const FrameOptions& options,
                            FloatBlack float_black) {
   FrameAsLight light{load_frame(path, options_for_file(path, options, float_black)), {}};
-  if (light.frame.bits == 0) light.frame.black_known = true;
-  light.saturated_dn = saturation_dn(light.frame);
-  subtract_black(light.frame);
+  light.saturated_dn = take_as_light(light.frame);
   return light;
 }
 

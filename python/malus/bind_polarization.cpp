@@ -71,9 +71,7 @@ Light light_of(const py::object& given, const std::optional<std::string>& layout
   if (const HeldFrame* held = held_frame(given)) {
     RawFrame frame = *held;
     take_told({layout, {}, {}}, frame);
-    if (frame.bits == 0) frame.black_known = true;
-    const std::vector<float> saturated_dn = saturation_dn(frame);
-    subtract_black(frame);
+    const std::vector<float> saturated_dn = app::take_as_light(frame);
     require_polarized(frame.layout, frame.source);
     warn_of_guesses(frame);
     const auto saturated = saturated_cells(frame.dn, frame.layout, saturated_dn);
@@ -176,9 +174,7 @@ RawLight raw_light_of(const py::object& given, const std::optional<std::string>&
     take_told({layout, {}, {}}, frame);
     if (const auto warning = take_levels_of_model(model, frame); !warning.empty())
       give_warning(frame.source + ": " + warning);
-    if (frame.bits == 0) frame.black_known = true;
-    light.saturated_dn = saturation_dn(frame);
-    subtract_black(frame);
+    light.saturated_dn = app::take_as_light(frame);
     warn_of_guesses(frame);
   } else {
     frame = pixels_of(given, kLight);

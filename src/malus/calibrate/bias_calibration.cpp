@@ -96,13 +96,11 @@ std::vector<double> measure_drift(const GainRun& run, double kept, BiasFrames& f
   }
   const auto count = static_cast<double>(frames.row_offset.size());
   const int independent = static_cast<int>(kept * count + 0.5);
-  const auto clear = fit_row_drift(frames.row_offset, explained, independent);
   // One frame or two may show little of a drift that makes σ_b uncertain all the same.
+  const double least = independent > kFewIndependent ? kRowDriftEvidence : kFaintEvidence;
   const FittedRowDrift fitted =
-      clear || independent > kFewIndependent
-          ? clear.value_or({})
-          : fit_row_drift(frames.row_offset, explained, independent, kFaintEvidence).value_or({});
-  dark.doubtful_drift = !clear || !run.row_group().known;
+      fit_row_drift(frames.row_offset, explained, independent, least).value_or({});
+  dark.doubtful_drift = !(fitted.evidence > kRowDriftEvidence) || !run.row_group().known;
   out.row_drift = fitted;
   std::vector<double> error;
   for (int c = 0; c < geometry.channels(); ++c) {

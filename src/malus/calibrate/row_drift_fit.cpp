@@ -189,7 +189,7 @@ Estimate<FittedRowDrift> fit_row_drift(const FrameSeries& offsets_dn, const Valu
   const double evidence = 2.0 * independent_frames * (white - fit.deviance);
   if (!(evidence > least_evidence))
     return Undecided{fmt::format("2 ln L = {:.1f} against white rows; {:.0f} are needed", evidence,
-                                 kRowDriftEvidence)};
+                                 least_evidence)};
   const Eigen::Matrix2d errors = error_covariance(spectrum, fit, independent_frames);
   // The likeliest variance holds what slow waves give to the frames' means; beyond the pixels' part
   // of it lies the rows'.
@@ -198,7 +198,8 @@ Estimate<FittedRowDrift> fit_row_drift(const FrameSeries& offsets_dn, const Valu
   return FittedRowDrift{{{std::min(fit.share * of_rows, 1.0), fit.length},
                          std::sqrt(std::max(errors(0, 0), 0.0)) * of_rows,
                          std::sqrt(std::max(errors(1, 1), 0.0))},
-                        errors(0, 1) * of_rows};
+                        errors(0, 1) * of_rows,
+                        evidence};
 }
 
 double drift_of_means(const RowDrift& drift, int n, int stride, int shift) {

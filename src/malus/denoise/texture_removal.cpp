@@ -105,11 +105,6 @@ void bound_by(const std::vector<VarianceLevel>& shown, bool black_known,
   }
 }
 
-// The same values times a gain.
-VarianceLevel scaled(const VarianceLevel& level, double gain) {
-  return {level.signal * gain, level.variance * gain * gain, level.relative_error};
-}
-
 // Level by level the mean of the channels, which share their gain but for the digital one.
 std::vector<VarianceLevel> mean_of_channels(const VarianceLines& lines) {
   const std::vector<std::vector<VarianceLevel>>& levels = lines.levels;

@@ -203,8 +203,7 @@ void VarianceLines::refit() {
 std::vector<VarianceCurve> VarianceLines::curves(double kept) const {
   std::vector<VarianceLevel> all;
   for (std::size_t k = 0; k < levels.size(); ++k)
-    for (const VarianceLevel& l : levels[k])
-      all.push_back({l.signal / gain(k), l.variance / (gain(k) * gain(k)), l.relative_error});
+    for (const VarianceLevel& level : levels[k]) all.push_back(scaled(level, 1.0 / gain(k)));
   VarianceLine common = fit_levels(all);
   if (black_is_known && common.offset < 0) common = shot_noise_of(all);
   std::vector<VarianceCurve> result;

@@ -11,6 +11,7 @@ namespace malus {
 
 struct FittedRowDrift : MeasuredRowDrift {
   double share_length_covariance = 0;  ///< of the two's errors
+  double evidence = 0;                 ///< 2 ln L against white rows
 };
 
 /// offsets_dn: [frame][row group] mean of the group's pixels. White noise of variance

@@ -14,6 +14,11 @@ struct VarianceLevel {
   double relative_error;  ///< of the variance, one standard error
 };
 
+/// The same values times a gain.
+inline VarianceLevel scaled(const VarianceLevel& level, double gain) {
+  return {level.signal * gain, level.variance * gain * gain, level.relative_error};
+}
+
 struct VarianceLine {
   double slope = 0, offset = 0, slope_error = 0, offset_error = 0;
 };
