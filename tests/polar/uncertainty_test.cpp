@@ -36,7 +36,8 @@ Sample simulate(const Stokes& truth, const std::array<double, 4>& sd) {
     const double error = std::remainder(aolp_deg_of(s) - aolp, 180.0);
     sample.aolp_error_deg.add(error);
     sample.dolp_within += std::abs(corrected - dolp) < 2 * std::sqrt(dolp_variance(s, v));
-    sample.aolp_within += std::abs(error) < 2 * std::sqrt(aolp_variance_deg2(s, v));
+    sample.aolp_within +=
+        std::abs(error) < 2 * std::sqrt(aolp_variance_deg2(s, v, Intensities::kMeasured));
   }
   return sample;
 }
@@ -54,8 +55,9 @@ TEST(Uncertainty, VariancesAgreeWithSimulation) {
     EXPECT_NEAR(sample.s1.variance() / v.s1s1, 1, kVarianceTolerance);
     EXPECT_NEAR(sample.s2.variance() / v.s2s2, 1, kVarianceTolerance);
     EXPECT_NEAR(sample.dolp.variance() / dolp_variance(truth, v), 1, kVarianceTolerance);
-    EXPECT_NEAR(sample.aolp_error_deg.variance() / aolp_variance_deg2(truth, v), 1,
-                kVarianceTolerance);
+    EXPECT_NEAR(
+        sample.aolp_error_deg.variance() / aolp_variance_deg2(truth, v, Intensities::kMeasured), 1,
+        kVarianceTolerance);
   }
 }
 
@@ -99,12 +101,13 @@ TEST(Uncertainty, DirectionOfUnequalNoiseDoesNotMatterForTheCorrection) {
 TEST(Uncertainty, UndefinedAndUnpolarizedPixels) {
   const StokesCovariance v = stokes_covariance(1, 1, 1, 1);
   EXPECT_TRUE(std::isnan(dolp_variance({0, 1, 1}, v)));
-  EXPECT_TRUE(std::isnan(aolp_variance_deg2({-1, 1, 1}, v)));
+  EXPECT_TRUE(std::isnan(aolp_variance_deg2({-1, 1, 1}, v, Intensities::kMeasured)));
   EXPECT_TRUE(std::isnan(corrected_dolp({0, 1, 1}, v)));
   EXPECT_DOUBLE_EQ(corrected_dolp({10, 0, 0}, v), 0);
   EXPECT_DOUBLE_EQ(dolp_variance({10, 0, 0}, v), 2.0 / 100);
-  EXPECT_DOUBLE_EQ(aolp_variance_deg2({10, 0, 0}, v), 2700);
-  EXPECT_DOUBLE_EQ(aolp_variance_deg2({10, 1e-6, 0}, v), 2700) << "no more than an unknown angle";
+  EXPECT_DOUBLE_EQ(aolp_variance_deg2({10, 0, 0}, v, Intensities::kMeasured), 2700);
+  EXPECT_DOUBLE_EQ(aolp_variance_deg2({10, 1e-6, 0}, v, Intensities::kMeasured), 2700)
+      << "no more than an unknown angle";
 }
 
 // Light has a DoLP of 0 to 1, so one of 3 errs by 3 at most, and one of .2 by 1.
@@ -136,7 +139,8 @@ TEST(Uncertainty, PlanesFollowThePixelFormulasAndSharedSitesHalveTheVariance) {
   EXPECT_FLOAT_EQ(u[0].s1_variance(2, 4), 5.5f);
   EXPECT_FLOAT_EQ(u[0].s2_variance(2, 4), 5.5f);
   EXPECT_FLOAT_EQ(u[0].dolp_sd(2, 4), static_cast<float>(std::sqrt(dolp_variance(s, v))));
-  EXPECT_FLOAT_EQ(u[0].aolp_sd_deg(2, 4), static_cast<float>(std::sqrt(aolp_variance_deg2(s, v))));
+  EXPECT_FLOAT_EQ(u[0].aolp_sd_deg(2, 4),
+                  static_cast<float>(std::sqrt(aolp_variance_deg2(s, v, Intensities::kMeasured))));
   EXPECT_FLOAT_EQ(u[0].dolp_corrected(2, 4), static_cast<float>(corrected_dolp(s, v)));
 }
 
@@ -331,7 +335,8 @@ TEST(Uncertainty, OfTheMeanOfEqualColorsIsSmallerThanTheirOwn) {
   EXPECT_FLOAT_EQ(mean.s1_variance(0, 0), static_cast<float>(v.s1s1));
   EXPECT_FLOAT_EQ(mean.s2_variance(0, 0), static_cast<float>(v.s2s2));
   EXPECT_NEAR(mean.dolp_sd(0, 0), std::sqrt(dolp_variance(s, v)), 1e-6);
-  EXPECT_NEAR(mean.aolp_sd_deg(0, 0), std::sqrt(aolp_variance_deg2(s, v)), 1e-4);
+  EXPECT_NEAR(mean.aolp_sd_deg(0, 0), std::sqrt(aolp_variance_deg2(s, v, Intensities::kMeasured)),
+              1e-4);
   EXPECT_NEAR(mean.dolp_corrected(0, 0), corrected_dolp(s, v), 1e-6);
   const auto red = uncertainty_of(picture, variance, layout, Intensities::kMeasured)[0];
   EXPECT_NEAR(mean.dolp_sd(0, 0) / red.dolp_sd(0, 0), std::sqrt(5.0 / 18), 1e-5);

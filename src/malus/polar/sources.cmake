@@ -3,6 +3,7 @@ set(polar_SOURCES
   demosaick.cpp
   dolp_summary.cpp
   fresnel.cpp
+  internal/angle_error.cpp
   internal/bayer.cpp
   internal/lattice.cpp
   internal/percentile.cpp

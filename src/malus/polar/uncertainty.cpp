@@ -1,6 +1,7 @@
 #include "malus/polar/uncertainty.h"
 
 #include "malus/base/parallel.h"
+#include "malus/polar/internal/angle_error.h"
 
 #include <algorithm>
 #include <array>
@@ -129,13 +130,18 @@ double dolp_variance(const Stokes& s, const StokesCovariance& v) {
   return std::min(first_order, most * most);
 }
 
-double aolp_variance_deg2(const Stokes& s, const StokesCovariance& v) {
+double aolp_variance_deg2(const Stokes& s, const StokesCovariance& v, Intensities intensities) {
   if (!(s.s0 > 0)) return kUnknown;
   if (without_direction(s)) return kUnknownAngleVarianceDeg2;
-  constexpr double kHalfRadianDeg = 90.0 / std::numbers::pi;  // AoLP is half the phase
-  const double p2 = s.s1 * s.s1 + s.s2 * s.s2;
-  return std::min(kUnknownAngleVarianceDeg2,
-                  kHalfRadianDeg * kHalfRadianDeg * tangential_variance(s, v) / p2);
+  const double across = tangential_variance(s, v), p2 = s.s1 * s.s1 + s.s2 * s.s2;
+  const double determinant = v.s1s1 * v.s2s2 - v.s1s2 * v.s1s2;
+  // Signal in deviations of its own direction: what lies behind it is told by these. How far that
+  // turns the angle is told by those across, as long as there is an angle.
+  const double signal2 = determinant > 0 ? p2 * across / determinant : p2 / across;
+  const double flatness = determinant > 0 ? across * across / determinant : 1.0;
+  const double error = internal::aolp_error_deg2(std::sqrt(signal2), intensities);
+  const double unknown = error / kUnknownAngleVarianceDeg2;
+  return std::min(kUnknownAngleVarianceDeg2, error * std::lerp(flatness, 1.0, unknown));
 }
 
 double corrected_dolp(const Stokes& s, const StokesCovariance& v) {
@@ -176,7 +182,8 @@ StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& varia
           continue;
         }
         out.dolp_sd(r, c) = static_cast<float>(std::sqrt(dolp_variance(s, v)));
-        out.aolp_sd_deg(r, c) = static_cast<float>(std::sqrt(aolp_variance_deg2(s, v)));
+        out.aolp_sd_deg(r, c) =
+            static_cast<float>(std::sqrt(aolp_variance_deg2(s, v, intensities)));
         out.dolp_corrected(r, c) = static_cast<float>(
             intensities == Intensities::kMeasured ? corrected_dolp(s, v) : expected_dolp(s, v));
       }

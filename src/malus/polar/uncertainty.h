@@ -1,5 +1,5 @@
-// How far to trust Stokes parameters, DoLP and AoLP: first-order propagation of the variances of
-// the four intensities, and DoLP with its bias removed.
+// How far to trust Stokes parameters, DoLP and AoLP: propagation of the variances of the four
+// intensities, and DoLP with its bias removed.
 #pragma once
 
 #include "malus/polar/stokes.h"
@@ -23,9 +23,18 @@ StokesCovariance stokes_covariance(double v0, double v45, double v90, double v13
 /// directions, (Var S1 + Var S2) / (2 S0²).
 double dolp_variance(const Stokes& s, const StokesCovariance& covariance);
 
-/// Variance of AoLP in deg², to first order and never more than that of an angle that nothing is
-/// known of, 180²/12; NaN where S0 <= 0.
-double aolp_variance_deg2(const Stokes& s, const StokesCovariance& covariance);
+/// What the four intensities are: kMeasured, samples whose noise is independent, has mean zero and
+/// lengthens (S1, S2), see corrected_dolp; kDenoised, estimates of a filter, whose errors are
+/// correlated and shorten it, see expected_dolp.
+enum class Intensities { kMeasured, kDenoised };
+
+/// Mean squared error of AoLP in deg² on its circle of 180 degrees, over the truths that may be
+/// behind such a vector (polar/internal/angle_error.h): to first order where (S1, S2) is far above
+/// its noise, and never more than that of an angle that nothing is known of, 180²/12; NaN where
+/// S0 <= 0. Exact where the noise is the same in all directions, within a quarter of the deviation
+/// where its variance along one is twice that across.
+double aolp_variance_deg2(const Stokes& s, const StokesCovariance& covariance,
+                          Intensities intensities);
 
 inline constexpr double kUnknownAngleVarianceDeg2 = 180.0 * 180.0 / 12.0;
 
@@ -40,11 +49,6 @@ double corrected_dolp(const Stokes& s, const StokesCovariance& covariance);
 /// length is that of a Rice distribution (Rice, Bell Syst. Tech. J. 24, 1945, eq. 4.2-3) about it.
 /// Not lifted above 1; NaN where DoLP is undefined.
 double expected_dolp(const Stokes& s, const StokesCovariance& covariance);
-
-/// What the four intensities are: kMeasured, samples whose noise is independent, has mean zero and
-/// lengthens (S1, S2), see corrected_dolp; kDenoised, estimates of a filter, whose errors are
-/// correlated and shorten it, see expected_dolp.
-enum class Intensities { kMeasured, kDenoised };
 
 /// Variance planes of one colour, sizes as the Stokes planes.
 struct StokesUncertainty {
