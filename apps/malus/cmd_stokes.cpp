@@ -135,14 +135,14 @@ StokesPicture stokes_picture(const StokesArguments& arguments, const RawFrame& f
 
 // What the noise of one input is: the model's, whose bias is taken out of the frame besides, or
 // what denoise wrote beside it.
-Planes variance_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
-                   std::size_t index, FrameAsLight& light) {
-  if (!model) return load_variance(arguments.variance[index], light.frame);
-  Planes variance = naming_model(arguments.model, [&] {
+PixelErrors errors_of(const StokesArguments& arguments, const std::optional<NoiseModel>& model,
+                      std::size_t index, FrameAsLight& light) {
+  if (!model) return {load_variance(arguments.variance[index], light.frame)};
+  PixelErrors errors = naming_model(arguments.model, [&] {
     return take_out_bias(light, *model, gain_range(arguments.extrapolate_gain));
   });
   warn_of_model(*model, light.frame.gain, arguments.model, false);
-  return variance;
+  return errors;
 }
 
 void save_all(std::span<const fs::path> paths, const std::vector<Product>& products,
@@ -179,10 +179,10 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   require_whole_cell(frame.dn, frame.layout, input.string());
   check_finite(frame.dn, frame.source, fate_in_polarization());
   warn_of_guesses(frame);
-  Planes variance;
-  if (arguments.confidence()) variance = variance_of(arguments, model, index, light);
+  PixelErrors errors;
+  if (arguments.confidence()) errors = errors_of(arguments, model, index, light);
   const SaturatedCells saturated =
-      arguments.confidence() ? saturated_cells(frame.dn, frame.layout, variance)
+      arguments.confidence() ? saturated_cells(frame.dn, frame.layout, errors.variance)
                              : saturated_cells(frame.dn, frame.layout, light.saturated_dn);
   warn_of_saturation(frame, saturated);
   StokesPicture picture = stokes_picture(arguments, frame, progress);
@@ -191,7 +191,8 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   const auto intensities = model ? Intensities::kMeasured : Intensities::kDenoised;
   Confidence confidence;
   if (arguments.confidence())
-    confidence = confidence_of(uncertainty_of(picture, variance, frame.layout, intensities));
+    confidence = confidence_of(
+        uncertainty_of(picture, errors.variance, frame.layout, intensities, errors.rows));
   std::vector<Product> data = product_data(picture);
   const std::vector<std::string> channels =
       picture.names.size() == 1 ? std::vector<std::string>{"Y"} : picture.names;
@@ -210,8 +211,9 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   if (!arguments.pictures) return json;
   Confidence shown;
   if (arguments.confidence())
-    shown = confidence_pictures(uncertainty_of_mean(picture, variance, frame.layout, intensities),
-                                arguments.render);
+    shown = confidence_pictures(
+        uncertainty_of_mean(picture, errors.variance, frame.layout, intensities, errors.rows),
+        arguments.render);
   save_pictures(std::move(picture),
                 arguments.confidence() ? std::span<const Planes>(shown) : std::span<const Planes>(),
                 arguments.render, names.picture, save, json["files"]);

@@ -29,11 +29,12 @@ Image deviation_of(Image variance) {
 
 }  // namespace
 
-Planes take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range) {
+PixelErrors take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range) {
   RawFrame& above_black = light.frame;
   require_layout_of_model(above_black, model.layout);
   const NoiseProfile profile = profile_for(above_black, model, range);
-  return pack(malus::take_out_bias(above_black, profile, light.saturated_dn), above_black.layout);
+  return {pack(malus::take_out_bias(above_black, profile, light.saturated_dn), above_black.layout),
+          row_offsets(profile)};
 }
 
 Planes load_variance(const std::filesystem::path& path, const RawFrame& frame) {

@@ -24,10 +24,15 @@ inline constexpr std::array kConfidenceProducts = {"s0_sd",   "s1_sd",   "s2_sd"
 /// One entry per product, in their order.
 using Confidence = std::array<Planes, kConfidenceProducts.size()>;
 
-/// take_out_bias (malus/noise/raw_variance.h) with the model's profile at the frame's gain: the
-/// variance of every packed pixel. Throws InputError when the gain is not known or the layouts
-/// differ.
-Planes take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range);
+/// What is known of the errors of a frame's pixels.
+struct PixelErrors {
+  Planes variance;    ///< packed [DN²]; NaN where the raw frame was saturated
+  RowOffsets rows{};  ///< the part of it that the pixels of a row share; none of denoised frames
+};
+
+/// take_out_bias (malus/noise/raw_variance.h) with the model's profile at the frame's gain, and the
+/// errors of its pixels. Throws InputError when the gain is not known or the layouts differ.
+PixelErrors take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range);
 
 /// Packed planes that malus denoise --uncertainty wrote of the frame, in the layout's order; NaN
 /// where the raw frame was saturated.

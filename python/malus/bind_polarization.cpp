@@ -212,7 +212,8 @@ py::dict stokes_by_model(const py::object& given, const std::optional<std::strin
     const Planes variance = pack(take_out_bias(frame, profile, light.saturated_dn), layout);
     saturated = saturated_cells(frame.dn, layout, variance);
     picture = stokes_picture(frame.dn, layout, std::nullopt);
-    uncertainty = uncertainty_of(*picture, variance, layout, Intensities::kMeasured);
+    uncertainty =
+        uncertainty_of(*picture, variance, layout, Intensities::kMeasured, row_offsets(profile));
   }
   for (const std::string& line : model_complaints(model.description(), gain, false))
     give_warning(line);

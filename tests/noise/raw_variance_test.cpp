@@ -56,6 +56,19 @@ TEST(RawVariance, OfSaturatedPixelsIsNotKnownAndTheyStay) {
                   kSlope * 997 + kOffset + kRow * kRow);
 }
 
+TEST(RawVariance, RowsShareTheirOffsets) {
+  NoiseProfile drifting = profile();
+  drifting.channels[2].sigma_row_dn = 5;
+  drifting.row_group = 2;
+  EXPECT_TRUE(row_offsets(drifting).correlation.empty());
+  drifting.row_drift = {0.5, 2};
+  const RowOffsets rows = row_offsets(drifting);
+  EXPECT_EQ(rows.sd_dn, (std::vector<double>{kRow, kRow, 5, kRow}));
+  EXPECT_EQ(rows.group_rows, 2);
+  ASSERT_EQ(rows.correlation.size(), 1u);  // a cell has two rows
+  EXPECT_DOUBLE_EQ(rows.correlation[0], 0.5 * std::exp(-0.5));
+}
+
 TEST(RawVariance, BiasIsEachChannelsOwn) {
   NoiseProfile uneven = profile();
   for (std::size_t k = 0; k < 4; ++k) uneven.channels[k].bias_dn = static_cast<double>(k);

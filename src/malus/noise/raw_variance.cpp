@@ -92,4 +92,13 @@ Image take_out_bias(RawFrame& above_black, const NoiseProfile& profile,
   return variance;
 }
 
+RowOffsets row_offsets(const NoiseProfile& profile) {
+  RowOffsets rows{{}, profile.row_group, {}};
+  for (const ChannelProfile& channel : profile.channels) rows.sd_dn.push_back(channel.sigma_row_dn);
+  if (!profile.row_drift.white())
+    for (int lag = 1; lag < profile.layout.rows(); ++lag)
+      rows.correlation.push_back(row_autocorrelation(profile.row_drift, lag));
+  return rows;
+}
+
 }  // namespace malus

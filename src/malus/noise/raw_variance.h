@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/image/raw_frame.h"
+#include "malus/image/row_offsets.h"
 #include "malus/noise/profile.h"
 
 #include <cstdint>
@@ -39,9 +40,13 @@ SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLay
 void subtract_bias(Image& dn, const NoiseProfile& profile);
 
 /// Takes the bias off a noisy frame above black, but for saturated pixels. Returns the variance of
-/// every pixel [DN²]: the variance curve at the pixel itself, row noise added as if independent;
-/// NaN for saturated pixels. Contract: the profile has the frame's layout.
+/// every pixel [DN²]: the variance curve at the pixel itself and its row noise, which row_offsets
+/// tells the shared part of; NaN for saturated pixels. Contract: the profile has the frame's
+/// layout.
 Image take_out_bias(RawFrame& above_black, const NoiseProfile& profile,
                     const std::vector<float>& saturated_dn);
+
+/// What the row noise of a frame's pixels has in common, up to the rows of a cell.
+RowOffsets row_offsets(const NoiseProfile& profile);
 
 }  // namespace malus

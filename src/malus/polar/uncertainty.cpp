@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <array>
+#include <cstdlib>
+#include <numeric>
 
 namespace malus {
 namespace {
@@ -27,19 +29,19 @@ constexpr double kSharedError = 0.35;
 using Groups = std::vector<std::vector<Color>>;
 
 struct SiteWeight {
-  const Image* variance;
+  int channel;
   double weight;
 };
 
 // What the sites of one angle weigh in the mean over the groups.
-std::vector<SiteWeight> site_weights(const Planes& packed_variance, const SensorLayout& layout,
-                                     const Groups& groups, int angle_deg) {
+std::vector<SiteWeight> site_weights(const SensorLayout& layout, const Groups& groups,
+                                     int angle_deg) {
   std::vector<SiteWeight> all;
   for (const auto& group : groups)
     for (const Color color : group) {
       const std::size_t first = all.size();
       for (int k = 0; k < layout.channels(); ++k)
-        if (layout.site(k) == Site{color, angle_deg}) all.push_back({&packed_variance[k], 0});
+        if (layout.site(k) == Site{color, angle_deg}) all.push_back({k, 0});
       for (std::size_t i = first; i < all.size(); ++i)
         all[i].weight =
             1.0 / static_cast<double>(groups.size() * group.size() * (all.size() - first));
@@ -48,14 +50,15 @@ std::vector<SiteWeight> site_weights(const Planes& packed_variance, const Sensor
 }
 
 // Of the mean of errors that are correlated by `shared`, pixel by pixel.
-Image variance_of_mean(const std::vector<SiteWeight>& sites, double shared) {
-  Image mean(sites.front().variance->rows(), sites.front().variance->cols());
+Image variance_of_mean(const Planes& packed_variance, const std::vector<SiteWeight>& sites,
+                       double shared) {
+  Image mean(packed_variance.rows(), packed_variance.cols());
   parallel_for(0, mean.rows(), kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
     for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
       for (int c = 0; c < mean.cols(); ++c) {
         double variance = 0, deviation = 0;  // of independent errors, of errors that are all alike
         for (const SiteWeight& site : sites) {
-          const double v = (*site.variance)(r, c);
+          const double v = packed_variance[site.channel](r, c);
           variance += site.weight * site.weight * v;
           deviation += site.weight * std::sqrt(v);
         }
@@ -70,9 +73,65 @@ AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& l
                             const Groups& groups, Intensities intensities) {
   const double shared = intensities == Intensities::kMeasured ? 0.0 : kSharedError;
   const auto of = [&](int angle_deg) {
-    return variance_of_mean(site_weights(packed_variance, layout, groups, angle_deg), shared);
+    return variance_of_mean(packed_variance, site_weights(layout, groups, angle_deg), shared);
   };
   return {of(0), of(45), of(90), of(135)};
+}
+
+// One site's part in the Stokes parameters of the mean over the groups, of an offset of one
+// deviation of its row's.
+struct SiteOffset {
+  int row;  ///< in the cell
+  Stokes part;
+};
+
+std::vector<SiteOffset> site_offsets(const SensorLayout& layout, const Groups& groups,
+                                     const RowOffsets& rows) {
+  std::vector<SiteOffset> all;
+  for (const int angle_deg : {0, 45, 90, 135})
+    for (const SiteWeight& site : site_weights(layout, groups, angle_deg)) {
+      const double offset = site.weight * rows.sd_dn[static_cast<std::size_t>(site.channel)];
+      const auto behind = [&](int deg) { return deg == angle_deg ? offset : 0.0; };
+      all.push_back({site.channel / layout.cols(),
+                     stokes_of(behind(0), behind(45), behind(90), behind(135))});
+    }
+  return all;
+}
+
+// What row offsets add to a covariance in which they count as independent, of the cells from the
+// frame's first row on until their rows meet the row groups alike again; empty without offsets.
+std::vector<StokesCovariance> shared_offsets(const SensorLayout& layout, const Groups& groups,
+                                             const RowOffsets& rows) {
+  if (rows.sd_dn.empty()) return {};
+  MALUS_REQUIRE(std::ssize(rows.sd_dn) == layout.channels() && rows.group_rows >= 1);
+  const std::vector<SiteOffset> sites = site_offsets(layout, groups, rows);
+  const int period = std::lcm(layout.rows(), rows.group_rows) / layout.rows();
+  std::vector<StokesCovariance> added(static_cast<std::size_t>(period));
+  for (int cell = 0; cell < period; ++cell) {
+    const auto group_of = [&](const SiteOffset& site) {
+      return (cell * layout.rows() + site.row) / rows.group_rows;
+    };
+    StokesCovariance& v = added[static_cast<std::size_t>(cell)];
+    for (const SiteOffset& a : sites)
+      for (const SiteOffset& b : sites) {
+        if (&a == &b) continue;
+        const auto lag = static_cast<std::size_t>(std::abs(group_of(a) - group_of(b)));
+        if (lag > rows.correlation.size()) continue;
+        const double correlation = lag == 0 ? 1.0 : rows.correlation[lag - 1];
+        v.s0s0 += correlation * a.part.s0 * b.part.s0;
+        v.s1s1 += correlation * a.part.s1 * b.part.s1;
+        v.s2s2 += correlation * a.part.s2 * b.part.s2;
+        v.s0s1 += correlation * a.part.s0 * b.part.s1;
+        v.s0s2 += correlation * a.part.s0 * b.part.s2;
+        v.s1s2 += correlation * a.part.s1 * b.part.s2;
+      }
+  }
+  return added;
+}
+
+StokesCovariance sum_of(const StokesCovariance& a, const StokesCovariance& b) {
+  return {a.s0s0 + b.s0s0, a.s1s1 + b.s1s1, a.s2s2 + b.s2s2,
+          a.s0s1 + b.s0s1, a.s0s2 + b.s0s2, a.s1s2 + b.s1s2};
 }
 
 // The colours of the layout that the picture shows under each of its names.
@@ -158,8 +217,11 @@ double expected_dolp(const Stokes& s, const StokesCovariance& v) {
   return std::min(rice_mean(std::hypot(s.s1, s.s2), variance) / s.s0, std::max(p, 1.0));
 }
 
-StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance,
-                            Intensities intensities) {
+namespace {
+
+// added: by cell row, over and over; to covariances in which offsets count as independent.
+StokesUncertainty propagated(const StokesPlanes& stokes, const AnglePlanes& variance,
+                             Intensities intensities, const std::vector<StokesCovariance>& added) {
   const int rows = stokes.s0.rows(), cols = stokes.s0.cols();
   for (const auto& plane : {variance.i0, variance.i45, variance.i90, variance.i135})
     MALUS_REQUIRE(plane.rows() == rows && plane.cols() == cols);
@@ -167,11 +229,15 @@ StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& varia
   StokesUncertainty out{blank, blank, blank, blank, blank, blank};
   const double shared = intensities == Intensities::kMeasured ? 0.0 : kSharedError;
   parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
-    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r)
+    for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) {
+      const StokesCovariance rows_share =
+          added.empty() ? StokesCovariance() : added[static_cast<std::size_t>(r) % added.size()];
       for (int c = 0; c < cols; ++c) {
         const Stokes s{stokes.s0(r, c), stokes.s1(r, c), stokes.s2(r, c)};
-        const StokesCovariance v = stokes_covariance(
-            variance.i0(r, c), variance.i45(r, c), variance.i90(r, c), variance.i135(r, c), shared);
+        const StokesCovariance v =
+            sum_of(stokes_covariance(variance.i0(r, c), variance.i45(r, c), variance.i90(r, c),
+                                     variance.i135(r, c), shared),
+                   rows_share);
         out.s0_variance(r, c) = static_cast<float>(v.s0s0);
         out.s1_variance(r, c) = static_cast<float>(v.s1s1);
         out.s2_variance(r, c) = static_cast<float>(v.s2s2);
@@ -187,8 +253,16 @@ StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& varia
         out.dolp_corrected(r, c) = static_cast<float>(
             intensities == Intensities::kMeasured ? corrected_dolp(s, v) : expected_dolp(s, v));
       }
+    }
   });
   return out;
+}
+
+}  // namespace
+
+StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance,
+                            Intensities intensities) {
+  return propagated(stokes, variance, intensities, {});
 }
 
 std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPlanes>& stokes,
@@ -207,22 +281,24 @@ std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPla
 
 std::vector<StokesUncertainty> uncertainty_of(const StokesPicture& picture,
                                               const Planes& packed_variance,
-                                              const SensorLayout& layout, Intensities intensities) {
+                                              const SensorLayout& layout, Intensities intensities,
+                                              const RowOffsets& rows) {
   std::vector<StokesUncertainty> all;
   const Groups groups = groups_of(picture, layout);
   for (std::size_t i = 0; i < groups.size(); ++i)
-    all.push_back(propagate(picture.planes[i],
-                            angle_variances(packed_variance, layout, {groups[i]}, intensities),
-                            intensities));
+    all.push_back(propagated(picture.planes[i],
+                             angle_variances(packed_variance, layout, {groups[i]}, intensities),
+                             intensities, shared_offsets(layout, {groups[i]}, rows)));
   return all;
 }
 
 StokesUncertainty uncertainty_of_mean(const StokesPicture& picture, const Planes& packed_variance,
-                                      const SensorLayout& layout, Intensities intensities) {
-  return propagate(
-      mean_stokes(picture.planes),
-      angle_variances(packed_variance, layout, groups_of(picture, layout), intensities),
-      intensities);
+                                      const SensorLayout& layout, Intensities intensities,
+                                      const RowOffsets& rows) {
+  const Groups groups = groups_of(picture, layout);
+  return propagated(mean_stokes(picture.planes),
+                    angle_variances(packed_variance, layout, groups, intensities), intensities,
+                    shared_offsets(layout, groups, rows));
 }
 
 }  // namespace malus
