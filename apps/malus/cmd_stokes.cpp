@@ -56,7 +56,26 @@ struct StokesArguments {
 // What one input becomes: a data file and a picture of every product.
 struct ProductNames {
   std::vector<fs::path> data, picture;  // one per product
+  std::vector<fs::path> stale;          // to be removed as the results are replaced
 };
+
+// What an earlier run may have left beside an input's results and this one does not write: it would
+// look like a part of them.
+std::vector<fs::path> stale_products(const StokesArguments& arguments, const fs::path& input) {
+  std::vector<fs::path> stale, read = arguments.inputs;
+  read.insert(read.end(), arguments.variance.begin(), arguments.variance.end());
+  read.push_back(arguments.model);
+  const auto add = [&](const char* product, const std::string& format) {
+    stale.push_back(arguments.folder / fmt::format("{}_{}.{}", stem_of(input), product, format));
+  };
+  for (const char* product : kConfidenceProducts) {
+    if (!arguments.confidence()) add(product, arguments.format);
+    if (!arguments.confidence() || !arguments.pictures) add(product, "png");
+  }
+  for (const char* product : kProducts)
+    if (!arguments.pictures) add(product, "png");
+  return existing_apart(stale, read);
+}
 
 std::vector<ProductNames> plan_product_files(const StokesArguments& arguments, bool force) {
   std::vector<fs::path> besides = arguments.variance;
@@ -75,6 +94,8 @@ std::vector<ProductNames> plan_product_files(const StokesArguments& arguments, b
       if (arguments.pictures) check_output(pictures[i], force);
     }
   }
+  for (std::size_t i = 0; i < plans.size() && force; ++i)
+    plans[i].stale = stale_products(arguments, arguments.inputs[i]);
   return plans;
 }
 
@@ -207,6 +228,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
     for (const Planes& planes : confidence) data.push_back([&planes] { return planes; });
   SaveOptions save;
   save.force = force;
+  for (const fs::path& path : names.stale) fs::remove(path);
   save_all(names.data, data, channels, save, json["files"]);
   if (!arguments.pictures) return json;
   Confidence shown;

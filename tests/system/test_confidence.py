@@ -207,6 +207,25 @@ def test_deviations_of_stokes_parameters_are_those_of_their_intensities(malus, t
         assert (tmp_path / f"raw_{name}.png").stat().st_size > 100
 
 
+def test_products_of_an_earlier_run_do_not_lie_beside_a_new_one(malus, camera, tmp_path):
+    """Deviations without their result, or pictures of another one, would be taken for the new result's."""
+    raw, out = raw_frame(camera, tmp_path / "raw.png"), tmp_path / "out"
+    job = ("stokes", raw, *LAYOUT, "--black", 80, "--format", "npy", "-o", out)
+    malus(*job, *MODEL, "--gain", GAIN_DB)
+    names = ("s0", "s1", "s2", "dolp", "aolp")
+    confidence = ("s0_sd", "s1_sd", "s2_sd", "dolp_sd", "aolp_sd", "dolp_corrected")
+    def files(products, *endings):
+        return {f"raw_{name}.{ending}" for name in products for ending in endings}
+    def found():
+        return {path.name for path in out.iterdir()}
+    assert found() == files(names + confidence, "npy", "png")
+    (out / "raw_denoised.tif").touch()  # nothing that stokes writes
+    malus(*job, "--force", *MODEL, "--gain", GAIN_DB, "--no-pictures")
+    assert found() == files(names + confidence, "npy") | {"raw_denoised.tif"}
+    malus(*job, "--force")
+    assert found() == files(names, "npy", "png") | {"raw_denoised.tif"}
+
+
 def test_every_site_has_its_own_variance_where_names_repeat(malus, tmp_path):
     """A cell of four blocks with the polarizers in one order: whichever of its four sites "0" is noisy, the same is
     stated of their mean."""
