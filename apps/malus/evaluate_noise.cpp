@@ -9,6 +9,7 @@
 #include <cmath>
 #include <map>
 #include <memory>
+#include <set>
 
 #include "frame_input.h"
 #include "noise_stand_in.h"
@@ -20,9 +21,16 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
+constexpr const char* kLeftOut = "left out";  // pixels that are no numbers
+
+// A frame is loaded several times; its pixels that are left out are said once.
 NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& options) {
-  return {static_cast<int>(paths.size()), [paths, options](int k) {
-            return load_above_black(paths[static_cast<std::size_t>(k)], options).dn;
+  const auto said = std::make_shared<std::set<int>>();
+  return {static_cast<int>(paths.size()), [paths, options, said](int k) {
+            const fs::path& path = paths[static_cast<std::size_t>(k)];
+            Image dn = load_above_black(path, options).dn;
+            if (said->insert(k).second) check_finite(dn, path.string(), kLeftOut);
+            return dn;
           }};
 }
 
@@ -198,7 +206,10 @@ void run_noise_comparison(const NoiseArguments& given, const RawOptions& raw,
   const RawFrame first = load_above_black(arguments.reference.front(), options);
   if (stand_in) stand_in->warn_of_gain(first.gain);
   std::optional<Image> clean;
-  if (!arguments.clean.empty()) clean = load_above_black(arguments.clean, options).dn;
+  if (!arguments.clean.empty()) {
+    clean = load_above_black(arguments.clean, options).dn;
+    check_finite(*clean, arguments.clean.string(), kLeftOut);
+  }
   const int count =
       arguments.frames > 0 ? arguments.frames : static_cast<int>(arguments.reference.size());
   const NoiseFrames reference = frames_of(arguments.reference, options),

@@ -105,3 +105,18 @@ def test_renoise_keeps_to_its_memory(malus, refused, tmp_path):
     np.save(tmp_path / "large.npy", np.full((4096, 4096), 300, np.uint16))
     line = refused("renoise", tmp_path / "large.npy", "-m", "imx250mzr-simulated", "--from", 12, "--to", 24, "--memory", 128, "-o", tmp_path / "out")
     assert "128 MiB is too little" in line
+
+
+def test_pixels_left_out_of_a_comparison_of_noise_are_said(malus, refused, tmp_path):
+    rng = np.random.default_rng(7)
+    frames = {name: rng.normal(100, 5, (64, 64)).astype(np.float32) for name in ("a", "b", "c", "clean")}
+    frames["b"][3, 4] = frames["b"][5, 6] = frames["clean"][7, 8] = np.nan
+    for name, dn in frames.items():
+        np.save(tmp_path / f"{name}.npy", dn)
+    np.save(tmp_path / "none.npy", np.full((64, 64), np.nan, np.float32))
+    noise = ("evaluate", "--noise", "--reference", tmp_path / "a.npy", "--test")
+    said = malus(*noise, tmp_path / "b.npy", tmp_path / "c.npy", "--clean", tmp_path / "clean.npy").err
+    assert said.count("b.npy: 2 pixels are NaN or infinite; left out") == 1  # though it is loaded more than once
+    assert "clean.npy: 1 pixel is NaN or infinite; left out" in said and said.count("left out") == 2
+    assert "left out" not in malus(*noise, tmp_path / "c.npy").err
+    assert "none.npy: all pixels are NaN or infinite" in refused(*noise, tmp_path / "none.npy")
