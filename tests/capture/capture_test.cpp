@@ -10,6 +10,7 @@
 #include <system_error>
 
 #include "support.h"
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
@@ -180,6 +181,21 @@ TEST(Capture, RefusesTheFolderOfAnotherPlanAndImpossibleSettings) {
       capture(load_capture_plan(write_plan(folder, other)), folder / "new", {}, silent_progress()),
       InputError);
   EXPECT_THROW(Camera("Fake_99"), InputError);
+}
+
+// Features are set after the size, as binning is, and change it here as a camera's own steps would.
+TEST(Capture, RefusesASizeThatTheCameraDoesNotTake) {
+  const TemporaryFolder folder;
+  std::string plan = kFakePlan;
+  plan.replace(plan.find("[[capture]]"), 0, "[camera.features]\nWidth = \"48\"\n");
+  try {
+    capture(load_capture_plan(write_plan(folder, plan)), folder / "out", {}, silent_progress());
+    FAIL() << "took frames of another size";
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("asks for frames of 64 x 32 pixels, the camera "
+                                                   "takes 48 x 32"));
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder / "out"));
 }
 
 // A prompt asks for work at the camera: nobody is asked for frames that are there.

@@ -273,6 +273,14 @@ void Camera::set_size(int width, int height) {
   handle_->check(error, fmt::format("setting the size {}x{}", width, height));
 }
 
+FrameSize Camera::size() const {
+  ErrorSlot error;
+  gint x = 0, y = 0, width = 0, height = 0;
+  arv_camera_get_region(handle_->camera, &x, &y, &width, &height, error.out());
+  handle_->check(error, "reading the size back");
+  return {width, height};
+}
+
 void Camera::set_black_level(double level) {
   ErrorSlot error;
   arv_camera_set_float(handle_->camera, "BlackLevel", level, error.out());

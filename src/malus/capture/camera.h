@@ -21,6 +21,10 @@ struct ValueRange {
   double low = 0, high = 0;
 };
 
+struct FrameSize {
+  int width = 0, height = 0;
+};
+
 /// A frame as it came: still packed.
 struct CameraFrame {
   std::uint64_t number = 0;  ///< the camera's own count: gaps are lost frames
@@ -65,8 +69,9 @@ class Camera {
   /// Empty: the deepest monochrome or Bayer format that decode_raw knows. Returns the name in
   /// force.
   std::string set_pixel_format(const std::string& name);
-  /// 0 = the whole sensor.
+  /// 0 = the whole sensor. A camera may round it to its own steps.
   void set_size(int width, int height);
+  FrameSize size() const;
   void set_black_level(double level);
   void set_feature(const std::string& name, const std::string& value);
   void set_gain_db(double gain_db);

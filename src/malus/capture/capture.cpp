@@ -98,12 +98,25 @@ SettingsInForce set_up(const CapturePlan& plan, const CaptureStep& step, Camera&
   return now;
 }
 
+// Frames of another size are another measurement: a fixed pattern fits them no more.
+void require_size(const CapturePlan& plan, const Camera& camera) {
+  const auto [width, height] = camera.size();
+  const auto other = [](int asked, int taken) { return asked > 0 && asked != taken; };
+  if (!other(plan.width, width) && !other(plan.height, height)) return;
+  throw InputError(plan.source.string(),
+                   fmt::format("asks for frames of {} x {} pixels, the camera takes {} x {}",
+                               plan.width > 0 ? plan.width : width,
+                               plan.height > 0 ? plan.height : height, width, height),
+                   "give a width and a height that it has");
+}
+
 std::string prepare_camera(const CapturePlan& plan, Camera& camera) {
   camera.turn_automatics_off();
   const std::string pixel_format = camera.set_pixel_format(plan.pixel_format);
   camera.set_size(plan.width, plan.height);
   if (plan.black_level) camera.set_black_level(*plan.black_level);
   for (const auto& [name, value] : plan.features) camera.set_feature(name, value);
+  require_size(plan, camera);  // features, as binning, change it
   double longest_s = 0;
   for (const auto& step : plan.steps) longest_s = std::max(longest_s, step.exposure_s);
   camera.make_room_for(longest_s);

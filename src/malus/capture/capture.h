@@ -38,11 +38,11 @@ struct CaptureWatcher {
   std::function<void(const StepReport&)> watch = [](const StepReport&) {};
 };
 
-/// Checks the plan against the camera before the first frame: ranges, pixel format, and that every
-/// step's gain and exposure are taken at the plan's frame rate; sets black
-/// level, size and features, turns automatic functions off; at each step waits for settings to
-/// settle, streams, and writes <folder>/<kind>/g<gain>/e<exposure>/f000001.tif. Whole frames of an
-/// interrupted run of the same plan are kept. Memory does not grow with the number of frames.
+/// Checks the plan against the camera before the first frame: ranges, pixel format, that the size
+/// is taken as it is asked for, and every step's gain and exposure at the plan's frame rate; sets
+/// black level, size and features, turns automatic functions off; at each step waits for settings
+/// to settle, streams, and writes <folder>/<kind>/g<gain>/e<exposure>/f000001.tif. Whole frames of
+/// an interrupted run of the same plan are kept. Memory does not grow with the number of frames.
 /// Throws InputError (camera, plan, folder of another plan) or Cancelled; then what is written is
 /// whole and a new call continues.
 CaptureReport capture(const CapturePlan& plan, const std::filesystem::path& folder,
