@@ -177,6 +177,9 @@ std::string unknown_flag(const CLI::App& command) {
     if (!word.starts_with('-') || word == "-") continue;
     const std::string flag = word.substr(0, word.find('='));
     const std::string words = words_of(command);
+    std::error_code unknown;
+    if (std::filesystem::exists(word, unknown))
+      return fmt::format("{}: is taken for a flag; write ./{} to name the file", word, word);
     return fmt::format("{}: is no flag of {}; {}`malus {} --help` shows all", flag, words,
                        did_you_mean(flag, flags), words);
   }

@@ -1,10 +1,11 @@
 """Flags and their values that no file could make right: one line, nothing written; exit code 2, or 1 of an empty value."""
 
 import re
+import subprocess
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import PROGRAM, ROOT
 
 
 @pytest.mark.parametrize("command,flag,words", [
@@ -148,3 +149,13 @@ def test_an_empty_value_is_refused_before_anything_is_done(refused, tmp_path, co
     line = refused(*words, flag, "", cwd=tmp_path)
     assert line == f"malus: {'--output' if flag == '-o' else flag}: is given without a value, an empty text; name one, or leave it out"
     assert [path.name for path in tmp_path.iterdir()] == ["f.npy"]
+
+
+def test_a_file_whose_name_begins_like_a_flag(tmp_path):
+    np.save(tmp_path / "-dash.npy", np.full((64, 64), 300, np.float32))
+
+    def info(*words):
+        return subprocess.run([PROGRAM, "info", *words], cwd=tmp_path, capture_output=True, text=True)
+    assert "-dash.npy: is taken for a flag; write ./-dash.npy to name the file" in info("-dash.npy").stderr
+    assert info("./-dash.npy").returncode == info("--", "-dash.npy").returncode == 0
+    assert "-dish.npy: is no flag of info" in info("-dish.npy").stderr
