@@ -1,12 +1,16 @@
 #include "malus/io/internal/glob.h"
 
 #include <algorithm>
+#include <fstream>
 
+#include "support.h"
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace malus::internal {
 namespace {
+
+using malus::testing::TemporaryFolder;
 
 TEST(NaturalOrder, DigitsCompareAsNumbers) {
   std::vector<std::string> names = {"f10",
@@ -36,6 +40,31 @@ TEST(NaturalOrder, IsAStrictOrder) {
             << a << " " << b << " " << c;
     }
   }
+}
+
+std::vector<std::string> names_of(const std::vector<std::filesystem::path>& paths) {
+  std::vector<std::string> names;
+  for (const auto& path : paths) names.push_back(path.parent_path().filename() / path.filename());
+  return names;
+}
+
+// A folder that exists by the very name is meant, whatever else the name would match.
+TEST(Glob, FoldersThatExistAreTakenAsTheyAreNamed) {
+  const TemporaryFolder folder;
+  for (const char* name : {"dir [x]", "dir x", "run*1", "run 1", "a", "b"}) {
+    std::filesystem::create_directories(folder / name);
+    for (const char* file : {"1.png", "2.png"}) std::ofstream(folder / name / file) << "x";
+  }
+  const auto found = [&](const std::string& pattern) {
+    return names_of(expand_glob(folder / "", pattern));
+  };
+  using ::testing::ElementsAre;
+  EXPECT_THAT(found("dir [x]/*.png"), ElementsAre("dir [x]/1.png", "dir [x]/2.png"));
+  EXPECT_THAT(found("run*1/[12].png"), ElementsAre("run*1/1.png", "run*1/2.png"));
+  EXPECT_THAT(found("[ab]/1.*"), ElementsAre("a/1.png", "b/1.png"));
+  EXPECT_THAT(found("dir ?/1.png"), ElementsAre("dir x/1.png"));
+  EXPECT_THAT(names_of(expand_glob({}, (folder / "dir [x]/*.png").string())),
+              ElementsAre("dir [x]/1.png", "dir [x]/2.png"));
 }
 
 }  // namespace

@@ -34,6 +34,21 @@ std::string escaped(const std::string& literal) {
   return out;
 }
 
+// The pattern, but for the folders that it begins with: those that exist by the very name are
+// meant.
+std::string after_folders(const fs::path& pattern, fs::path folder) {
+  std::string full = escaped(folder.string());
+  bool literal = true;
+  for (const fs::path& part : pattern) {
+    std::error_code ignored;
+    literal = literal && fs::is_directory(folder / part, ignored);
+    folder /= part;
+    if (!full.empty() && full.back() != '/') full += '/';
+    full += literal ? escaped(part.string()) : part.string();
+  }
+  return full;
+}
+
 }  // namespace
 
 bool natural_less(std::string_view a, std::string_view b) {
@@ -57,9 +72,8 @@ std::vector<fs::path> expand_glob(const fs::path& folder, const std::string& pat
   std::error_code ignored;
   const fs::path literal = folder / pattern;  // an absolute pattern replaces the folder
   if (fs::exists(literal, ignored) || frame_place(literal).index) return {literal};
-  const std::string full = fs::path(pattern).is_absolute() || folder.empty()
-                               ? pattern
-                               : escaped(folder.string()) + "/" + pattern;
+  const std::string full =
+      after_folders(pattern, fs::path(pattern).is_absolute() ? fs::path() : folder);
   glob_t matches{};
   std::vector<fs::path> paths;
   if (::glob(full.c_str(), GLOB_NOSORT, nullptr, &matches) == 0)
