@@ -13,7 +13,7 @@
 namespace malus {
 namespace {
 
-constexpr int kTriples = 8;
+constexpr std::size_t kTriples = 8;
 constexpr std::size_t kFlatTriples = 3;  // of each level
 
 // Takes out what the pixels of one channel in a row share, and in a column: row noise, the frame's
@@ -121,16 +121,25 @@ bool SuccessiveFrames::tells() const {
   return sum_.changed >= kFewest;
 }
 
+double SuccessiveFrames::middle_correlation() const {
+  if (of_triple_.empty()) return 0.0;
+  std::vector<double> sorted = of_triple_;
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>((sorted.size() - 1) / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  return *middle;
+}
+
 void SuccessiveFrames::add(View<const float> dn) {
-  if (triples_ >= kTriples) return;
+  if (of_triple_.size() >= kTriples) return;
   if (first_.empty()) {
     first_ = copy_of(dn);
   } else if (second_.empty()) {
     second_ = copy_of(dn);
   } else {
-    sum_.merge(products_of(geometry_, first_, second_, dn));
+    const SuccessiveProducts triple = products_of(geometry_, first_, second_, dn);
+    sum_.merge(triple);
+    of_triple_.push_back(triple.correlation());
     first_ = second_ = Image();
-    ++triples_;
   }
 }
 
@@ -172,14 +181,17 @@ SuccessiveProducts SuccessiveFlats::products(double shot_share) const {
 
 bool mixes_frames(const SuccessiveFrames& dark) {
   constexpr double kLeast = 0.1, kErrors = 8.0;
-  return dark.tells() && dark.correlation() > std::max(kLeast, kErrors * dark.standard_error());
+  return dark.tells() && dark.middle_correlation() > kLeast &&
+         dark.correlation() > std::max(kLeast, kErrors * dark.standard_error());
 }
 
 // No mixture of frames correlates by more than 1: where the measure says so, a difference tells the
 // next one.
 void warn_of_temporal_filter(const SuccessiveFrames& dark, PhysicsCalibration& out) {
   constexpr double kErrors = 8.0;
-  if (dark.tells() && dark.correlation() - kErrors * dark.standard_error() > 1.0)
+  if (dark.tells() &&
+      std::min(dark.correlation(), dark.middle_correlation()) - kErrors * dark.standard_error() >
+          1.0)
     out.warnings.push_back(
         "what a pixel changes by from one dark frame to the next it goes on changing by: that is a "
         "drift and no noise, and K and the noise are not the sensor's; let the camera warm up, and "

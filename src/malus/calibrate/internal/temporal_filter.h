@@ -37,12 +37,14 @@ class SuccessiveFrames {
   double standard_error() const { return sum_.standard_error(); }
   /// Whether enough pixels change to tell: of a few, what they happen to do alike has no scatter.
   bool tells() const;
+  /// The middle of the triples' correlations, the lower one of two: no single odd frame moves it.
+  double middle_correlation() const;
 
  private:
   MosaicGeometry geometry_;
   Image first_, second_;
-  int triples_ = 0;
   SuccessiveProducts sum_;
+  std::vector<double> of_triple_;  ///< correlations
 };
 
 /// The same of flats, each scaled to the light of the first one, channel by channel.
@@ -76,7 +78,8 @@ class SuccessiveFlats {
 };
 
 /// Whether successive dark frames correlate by more than 0.1 and eight standard errors, of pixels
-/// enough to tell.
+/// enough to tell, and half of their triples by more than 0.1: beside one frame of much noise all
+/// else is alike.
 bool mixes_frames(const SuccessiveFrames& dark);
 
 /// Appends a warning where they do: of frames that are mixed, or that drift.
