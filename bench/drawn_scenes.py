@@ -10,7 +10,8 @@ squares by chance by the size of these in pixels, lines of one pixel.
 """
 import argparse
 import pathlib
-import subprocess
+import struct
+import zlib
 
 import numpy as np
 
@@ -118,12 +119,12 @@ PATTERNS = ("weave_9", "weave_17", "word", "page", "aolboard_16", "bars", "bars_
 
 
 def write_png(path, picture):
-    """picture: (rows, cols, 3) in 0..1, written with 16 bits by OpenImageIO's oiiotool (openimageio-tools)."""
-    pixmap = path.with_suffix(".pfm")  # rows from the bottom up, little-endian
-    pixmap.write_bytes(b"PF\n%d %d\n-1\n" % (picture.shape[1], picture.shape[0])
-                       + np.clip(picture[::-1], 0, 1).astype("<f4").tobytes())
-    subprocess.run(["oiiotool", pixmap, "-d", "uint16", "-o", path], check=True)
-    pixmap.unlink()
+    """picture: (rows, cols, 3) in 0..1, written with 16 bits, which Pillow cannot (PNG specification, 5 and 11)."""
+    rows, cols, _ = picture.shape
+    values = np.rint(65535 * np.clip(picture, 0, 1)).astype(">u2").reshape(rows, -1)
+    chunk = lambda name, data: struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", cols, rows, 16, 2, 0, 0, 0))
+                     + chunk(b"IDAT", zlib.compress(b"".join(b"\0" + row.tobytes() for row in values), 3)) + chunk(b"IEND", b""))
 
 
 def main():

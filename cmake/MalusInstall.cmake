@@ -29,14 +29,13 @@ foreach(module IN LISTS modules)
   endif()
   install(TARGETS malus_${module} EXPORT ${export} ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 endforeach()
-install(TARGETS malus_codecs EXPORT malus_targets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 install(FILES src/malus/malus.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/malus)
 install(TARGETS malus EXPORT malus_targets)
 install(EXPORT malus_targets NAMESPACE malus:: FILE malusTargets.cmake DESTINATION ${malus_package})
 configure_package_config_file(cmake/malusConfig.cmake.in ${PROJECT_BINARY_DIR}/malusConfig.cmake
   INSTALL_DESTINATION ${malus_package})
 write_basic_package_version_file(${PROJECT_BINARY_DIR}/malusConfigVersion.cmake COMPATIBILITY SameMinorVersion)
-install(FILES ${PROJECT_BINARY_DIR}/malusConfig.cmake ${PROJECT_BINARY_DIR}/malusConfigVersion.cmake cmake/MalusOpenImageIO.cmake
+install(FILES ${PROJECT_BINARY_DIR}/malusConfig.cmake ${PROJECT_BINARY_DIR}/malusConfigVersion.cmake
         DESTINATION ${malus_package})
 
 # Man pages and completion are written by the program itself, from the declarations of its commands.
@@ -67,7 +66,7 @@ set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libmalus-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_DESCRIPTION "measure, imitate and remove camera noise: C++ library")
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS
-    "g++, cmake, pkg-config, libtbb-dev, libfmt-dev, libeigen3-dev, libhwy-dev, libopenimageio-dev, openimageio-tools, libopenexr-dev, libimath-dev, libraw-dev, libhdf5-dev, zlib1g-dev, libtomlplusplus-dev, nlohmann-json3-dev")
+    "g++, cmake, pkg-config, libtbb-dev, libfmt-dev, libeigen3-dev, libhwy-dev, libtiff-dev, libpng-dev, libopenexr-dev, libimath-dev, libturbojpeg0-dev, libraw-dev, libhdf5-dev, zlib1g-dev, libtomlplusplus-dev, nlohmann-json3-dev")
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SUGGESTS "libaravis-dev, libtorch-dev")
 if(TARGET malus_networks)
   list(APPEND CPACK_COMPONENTS_ALL networks)

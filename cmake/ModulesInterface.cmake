@@ -1,4 +1,4 @@
-# The program and its modules (networks, pictures) share objects whose layout the headers give: all are stamped with a digest of all headers, and the
+# The program and its module of networks share objects whose layout the headers give: all are stamped with a digest of all headers, and the
 # program refuses a module with another one (built before a header changed, say by ./quickstart, and left behind by
 # ./quickstart --no-networks).
 # Included: target malus_modules_interface, which makes malus_modules_interface.h. As a script (-P): makes it.
@@ -18,7 +18,7 @@ endif()
 
 set(folder ${PROJECT_BINARY_DIR}/generated)
 file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/src/malus/*.h)
-list(APPEND headers ${PROJECT_SOURCE_DIR}/apps/networks/networks.h ${PROJECT_SOURCE_DIR}/apps/pictures/pictures.h)
+list(APPEND headers ${PROJECT_SOURCE_DIR}/apps/networks/networks.h)
 add_custom_command(OUTPUT ${folder}/malus_modules_interface.h
   COMMAND ${CMAKE_COMMAND} "-DHEADERS=${headers}" -DOUTPUT=${folder}/malus_modules_interface.h -P ${CMAKE_CURRENT_LIST_FILE}
   DEPENDS ${headers} ${CMAKE_CURRENT_LIST_FILE} COMMENT "Digest of the headers" VERBATIM)

@@ -73,7 +73,7 @@ def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
              for name in ("__init__.py", "_arguments.py", "_malus.pyi", "py.typed", f"_malus{suffix}")}
     # What the module opens on first need; the networks where they were built.
     files |= {f"malus/{path.name}": path.read_bytes()
-              for path in (package.parents[1] / "malus_pictures.so", package.parents[1] / "malus_networks.so") if path.exists()}
+              for path in (package.parents[1] / "malus_networks.so",) if path.exists()}
     info = f"malus-{VERSION}.dist-info"
     files |= {f"{info}/{name}": text.encode() for name, text in metadata_files().items()}
     files[f"{info}/LICENSE"] = (ROOT / "LICENSE").read_bytes()

@@ -4,7 +4,7 @@
 set -euo pipefail
 
 packages_build="g++ cmake ninja-build pkg-config libtbb-dev libfmt-dev libeigen3-dev libhwy-dev
-  libopenimageio-dev openimageio-tools libopenexr-dev libimath-dev libraw-dev libhdf5-dev zlib1g-dev libtomlplusplus-dev nlohmann-json3-dev libcli11-dev"
+  libtiff-dev libpng-dev libopenexr-dev libimath-dev libturbojpeg0-dev libraw-dev libhdf5-dev zlib1g-dev libtomlplusplus-dev nlohmann-json3-dev libcli11-dev"
 # Optional modules: camera capture, networks, the Python module.
 packages_capture="libaravis-dev libusb-1.0-0-dev"
 packages_neural="libtorch-dev libgloo-dev libopenblas0-openmp"

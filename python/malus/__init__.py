@@ -11,6 +11,12 @@ otherwise. The same seed, frame and pixel give the same noise for any number of 
 (a ValueError): what is wrong with what, and what to do.
 """
 
+import os as _os
+
+# GCC's OpenMP, which LibRaw brings along, reads this when it is loaded (apps/doors/network_environment.cpp says what for).
+if _os.getloadavg()[0] > (_os.cpu_count() or 1) and "OMP_WAIT_POLICY" not in _os.environ:
+    _os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+
 from ._malus import (
     Frame,
     FrameGroup,

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/io/frame_file.h"
+#include "malus/io/picture_file.h"
 
 #include <fstream>
 #include <string>
@@ -62,6 +63,48 @@ TEST(BmpCheck, RowsFromTheTop) {
   put(bytes, 22, static_cast<std::uint32_t>(-2), 4);
   std::ofstream(folder / "a.bmp", std::ios::binary) << bytes;
   EXPECT_THAT(load_frame(folder / "a.bmp", {}).dn.values(), ElementsAre(4, 5, 6, 1, 2, 255));
+}
+
+// A palette that is not of greys: its colours. A number beyond it is damage.
+TEST(BmpCheck, PalettesComeAsTheirColours) {
+  const malus::testing::TemporaryFolder folder;
+  std::string bytes = grey_bmp();
+  put(bytes, 54 + 4 * 255, 0x102030, 4);
+  std::ofstream(folder / "a.bmp", std::ios::binary) << bytes;
+  const Picture picture = load_picture(folder / "a.bmp");
+  ASSERT_EQ(picture.planes.channels(), 3);
+  EXPECT_THAT(picture.planes[0].values(), ElementsAre(1, 2, 0x10, 4, 5, 6));
+  EXPECT_THAT(picture.planes[1].values(), ElementsAre(1, 2, 0x20, 4, 5, 6));
+  EXPECT_THAT(picture.planes[2].values(), ElementsAre(1, 2, 0x30, 4, 5, 6));
+  put(bytes, 46, 255, 4);
+  std::ofstream(folder / "b.bmp", std::ios::binary) << bytes;
+  EXPECT_THAT([&] { load_picture(folder / "b.bmp"); },
+              ThrowsMessage<InputError>(HasSubstr("not in its palette")));
+}
+
+// Blue, green, red and, of 32 bits, alpha; rows of whole four bytes.
+TEST(BmpCheck, ColoursOf24And32Bits) {
+  const malus::testing::TemporaryFolder folder;
+  for (const int channels : {3, 4}) {
+    std::string bytes = grey_bmp().substr(0, 54);
+    put(bytes, 10, 54, 4);
+    put(bytes, 18, 1, 4);
+    put(bytes, 28, static_cast<std::uint32_t>(8 * channels), 2);
+    for (int r = 0; r < 2; ++r) {
+      std::string row = {static_cast<char>(10 * r + 1), static_cast<char>(10 * r + 2),
+                         static_cast<char>(10 * r + 3), static_cast<char>(10 * r + 4)};
+      if (channels == 3) row[3] = 0;
+      bytes += row;
+    }
+    std::ofstream(folder / "a.bmp", std::ios::binary | std::ios::trunc) << bytes;
+    const Picture picture = load_picture(folder / "a.bmp");
+    ASSERT_EQ(picture.planes.channels(), channels);
+    EXPECT_THAT(picture.planes[0].values(), ElementsAre(13, 3));
+    EXPECT_THAT(picture.planes[2].values(), ElementsAre(11, 1));
+    if (channels == 4) {
+      EXPECT_THAT(picture.planes[3].values(), ElementsAre(14, 4));
+    }
+  }
 }
 
 TEST(BmpCheck, EveryCutIsFound) {

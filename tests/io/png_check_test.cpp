@@ -34,7 +34,6 @@ TEST(PngCheck, AnyFlippedBitIsFound) {
     EXPECT_THROW(check_png(Bytes(good).first(length), "a.png"), InputError) << length;
 }
 
-// libpng tells them on stderr by itself.
 TEST(PngCheck, SizesOutOfRangeAreRefused) {
   const malus::testing::TemporaryFolder folder;
   save_picture(folder / "a.png", Image(5, 7, 3.0f));

@@ -174,12 +174,12 @@ def test_names_that_leave_no_room_are_refused_before_the_work(refused, tmp_path)
     assert "its name is too long" in line and "choose a shorter one" in line
 
 
-def test_little_address_space_is_named(tmp_path):
-    """The libraries of pictures would try for ever to get more."""
+def test_little_address_space_is_enough_for_pictures(tmp_path):
+    """Nothing that decodes them asks for threads or memory of its own."""
     Image.fromarray(np.zeros((8, 8), np.uint8)).save(tmp_path / "x.png")
     done = subprocess.run([PROGRAM, "info", tmp_path / "x.png"], capture_output=True, text=True, timeout=60,
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (500_000_000, 500_000_000)), env={**os.environ, "LC_ALL": "C"})
-    assert done.returncode == 1 and done.stderr.count("\n") == 1 and "ulimit -v" in done.stderr
+    assert done.returncode == 0 and done.stderr == ""
 
 
 @pytest.mark.parametrize("command", ["info", "stokes", "normals", "synthesize", "renoise", "simulate"])

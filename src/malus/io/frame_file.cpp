@@ -3,13 +3,14 @@
 #include "malus/base/error.h"
 #include "malus/base/wording.h"
 #include "malus/image/black_levels.h"
-#include "malus/io/internal/codecs.h"
+#include "malus/io/internal/camera_raw.h"
 #include "malus/io/internal/decoded.h"
 #include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/fits.h"
 #include "malus/io/internal/frame_tags.h"
 #include "malus/io/internal/netpbm.h"
 #include "malus/io/internal/npy.h"
+#include "malus/io/internal/picture_codec.h"
 #include "malus/io/internal/read_any.h"
 #include "malus/io/internal/stack_index.h"
 #include "malus/io/internal/tiff_frames.h"
@@ -119,15 +120,15 @@ Decoded read_place(const FramePlace& place, bool pixels) {
   if (codec == "tiff") {
     const TiffFramePlaces frames = tiff_frames(file);
     const int index = stack_index(place, static_cast<int>(frames->size()));
-    return codecs().read_picture(file, codec, pixels, (*frames)[static_cast<std::size_t>(index)]);
+    return read_picture(file, codec, pixels, (*frames)[static_cast<std::size_t>(index)]);
   }
   if (place.index) stack_index(place, count_frames(file));
   if (begins_as_npy(head)) return read_npy(file, pixels, place.index);
   if (begins_as_fits(head)) return read_fits(file, pixels, place.index);
-  if (!codec.empty()) return codecs().read_picture(file, codec, pixels, kNoDirectory);
+  if (!codec.empty()) return read_picture(file, codec, pixels, kNoDirectory);
   if (begins_with(head, "P5") || begins_with(head, "P6")) return read_netpbm(file, pixels);
   refuse_other_netpbm(head, file);
-  return codecs().read_camera_raw(file, pixels);
+  return read_camera_raw(file, pixels);
 }
 
 int frames_in_file(const FramePlace& place, const FrameOptions& options) {

@@ -4,12 +4,12 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/io/frame_stack.h"
-#include "malus/io/internal/codecs.h"
 #include "malus/io/internal/file_bytes.h"
 #include "malus/io/internal/fits.h"
 #include "malus/io/internal/frame_tags.h"
 #include "malus/io/internal/jpeg_check.h"
 #include "malus/io/internal/npy.h"
+#include "malus/io/internal/picture_codec.h"
 #include "malus/io/internal/read_any.h"
 
 #include <algorithm>
@@ -104,8 +104,8 @@ void save_described(const fs::path& path, std::span<const Image> planes,
                                       description, exposure_s),
                options.force);
   } else {
-    codecs().write_picture(path, options.force, codec, planes, channel_names(channels, given_names),
-                           type, description, exposure_s);
+    internal::write_picture(path, options.force, codec, planes,
+                            channel_names(channels, given_names), type, description, exposure_s);
   }
 }
 
@@ -167,7 +167,7 @@ Picture load_clean_picture(const fs::path& path) {
   const fs::path file = frame_place(path).file;
   const bool is_jpeg = internal::begins_as_jpeg(internal::read_bytes(file, 3));
   Picture picture =
-      is_jpeg ? picture_of(codecs().read_picture(file, "jpeg", true, internal::kNoDirectory))
+      is_jpeg ? picture_of(internal::read_picture(file, "jpeg", true, internal::kNoDirectory))
               : load_picture(path);
   require_known_white(path, picture.bits);
   return picture;

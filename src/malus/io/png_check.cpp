@@ -18,7 +18,7 @@ namespace {
                    "the file is damaged or cut off: copy or record it again");
 }
 
-// The first chunk's. libpng would write a line of its own about a size out of range.
+// The first chunk's.
 void check_header(Bytes bytes, std::size_t at, std::size_t length,
                   const std::filesystem::path& path) {
   constexpr std::size_t kHeader = 13;

@@ -1,9 +1,13 @@
 set(io_SOURCES
   angle_pictures.cpp
   bmp_check.cpp
+  bmp_picture.cpp
+  camera_raw.cpp
   config_section.cpp
   dng_noise.cpp
   emva_description.cpp
+  exif.cpp
+  exr_picture.cpp
   file_bytes.cpp
   fits.cpp
   frame_file.cpp
@@ -11,12 +15,18 @@ set(io_SOURCES
   frame_tags.cpp
   glob.cpp
   jpeg_check.cpp
+  jpeg_picture.cpp
   netpbm.cpp
   npy.cpp
   pair_list.cpp
+  picture_codec.cpp
+  picture_faults.cpp
   picture_file.cpp
+  picture_output.cpp
   picture_type.cpp
   png_check.cpp
+  png_picture.cpp
+  png_write.cpp
   raw_format.cpp
   session.cpp
   session_frames.cpp
@@ -27,11 +37,6 @@ set(io_SOURCES
   tiff_file.cpp
   tiff_frames.cpp
   tiff_inflate.cpp
-)
-# A library of their own (malus/io/codecs.h).
-set(codecs_SOURCES
-  camera_raw.cpp
-  codecs.cpp
-  linked_codecs.cpp
-  picture_codec.cpp
+  tiff_picture.cpp
+  tiff_write.cpp
 )

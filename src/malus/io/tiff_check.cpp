@@ -13,8 +13,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint16_t kDescription = 270, kExif = 34665;
-
 // Throws unless the entry's values are there; where they are more than the entry itself holds, they
 // lie elsewhere.
 void check_entry(const TiffFile& file, Bytes entry) {

@@ -54,26 +54,10 @@ bool is_frame_page(const TiffTags& tags) {
   throw InputError(file.path.string(), problem, remedy);
 }
 
-// The beginning of the directory's description; empty where it has none.
-std::string description_of(const TiffFile& file, std::uint64_t directory) {
-  constexpr std::uint16_t kImageDescription = 270, kText = 2;
-  constexpr std::uint64_t kBeginning = 256;
-  const auto entries = tiff_entries(file, directory, "directory").bytes;
-  for (std::size_t first = 0; first < entries.size(); first += file.entry_bytes()) {
-    const Bytes entry = Bytes(entries).subspan(first, file.entry_bytes());
-    if (file.tag(entry) != kImageDescription || file.type(entry) != kText) continue;
-    const std::uint64_t length = std::min(file.number(entry, 4), kBeginning);
-    const std::uint64_t at = file.number(entry, static_cast<std::size_t>(4 + file.number_bytes()));
-    if (length <= file.number_bytes() || !file.within(at, length)) return {};
-    const auto text = read_part(file.path, at, static_cast<std::size_t>(length));
-    return {text.begin(), text.end()};
-  }
-  return {};
-}
-
 // Beyond 4 GB ImageJ writes the pixels of all images one after the other, and one directory.
-void refuse_hidden_images(const TiffFile& file, std::uint64_t directory) {
-  const std::string text = description_of(file, directory);
+void refuse_hidden_images(const TiffFile& file, const TiffTags& tags) {
+  constexpr std::uint64_t kBeginning = 256;
+  const std::string text = tags.text(kDescription, kBeginning);
   constexpr std::string_view kImages = "\nimages=";
   const std::size_t at = text.find(kImages);
   if (!text.starts_with("ImageJ=") || at == text.npos) return;
@@ -110,7 +94,7 @@ class PageWalk {
                    "save it in several files");
     const TiffTags tags(file_, at, page == 1 ? "directory" : fmt::format("page {}", page));
     const bool alone = page == 1 && tags.next() == 0;
-    if (alone) refuse_hidden_images(file_, at);
+    if (alone) refuse_hidden_images(file_, tags);
     if (alone || is_frame_page(tags)) take_frame(at, kind_of(tags));
     return tags.next();
   }

@@ -1,4 +1,4 @@
-// TIFF, PNG, BMP, EXR and JPEG through OpenImageIO, values as stored.
+// TIFF, PNG, EXR, BMP and JPEG, values as stored.
 #pragma once
 
 #include "malus/image/view.h"
@@ -14,7 +14,7 @@
 
 namespace malus::internal {
 
-/// OpenImageIO's name for the file's type by its first bytes ("tiff", "png", "openexr"), or empty.
+/// The file's type by its first bytes ("tiff", "png", "openexr"), or empty.
 /// TIFF is recognised only with the ending .tif or .tiff: camera raws begin like one. JPEG is not:
 /// nothing that is measured is read from it.
 std::string picture_codec(const std::filesystem::path& path);

@@ -1,5 +1,5 @@
-// The frame of a PNG file (PNG specification, 5.3 and 11): libpng prints to stderr when it meets
-// damage, so damage is found before it looks.
+// The frame of a PNG file (PNG specification, 5.3 and 11): libpng passes over damage of chunks that
+// it can do without, as the one that tells what the frame is, so damage is found before it looks.
 #pragma once
 
 #include "malus/io/internal/file_bytes.h"

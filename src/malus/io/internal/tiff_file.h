@@ -3,7 +3,10 @@
 
 #include "malus/io/internal/file_bytes.h"
 
+#include <initializer_list>
 #include <map>
+#include <optional>
+#include <string>
 #include <string_view>
 
 namespace malus::internal {
@@ -13,7 +16,8 @@ struct TiffFile {
   const std::filesystem::path& path;
   std::uint64_t file_bytes;
   bool big_endian, big_tiff;
-  std::uint64_t first_directory;  ///< its place in the file
+  std::uint64_t first_directory;  ///< its place; all places are told from `base` on
+  std::uintmax_t base = 0;        ///< where it begins in the file, as one within another does
 
   /// A place in the file, or the number of values: 4 bytes, of BigTIFF 8.
   std::uint64_t number(Bytes bytes, std::size_t at) const {
@@ -33,8 +37,9 @@ struct TiffFile {
 };
 
 /// `path` has to outlive what is returned. Throws InputError where the file ends before the first
-/// directory's place.
-TiffFile tiff_file(const std::filesystem::path& path, std::uintmax_t file_bytes);
+/// directory's place. base: where it begins within the file at `path`.
+TiffFile tiff_file(const std::filesystem::path& path, std::uintmax_t file_bytes,
+                   std::uintmax_t base = 0);
 
 /// Throws InputError: the file ends before its `what`.
 [[noreturn]] void cut_tiff(const std::filesystem::path& path, std::string_view what);
@@ -51,9 +56,6 @@ struct TiffEntries {
 /// is what the directory is called then.
 TiffEntries tiff_entries(const TiffFile& file, std::uint64_t at, std::string_view name);
 
-/// The entry's first `most` values; none unless they are whole numbers that lie within the file.
-std::vector<std::uint64_t> tiff_values(const TiffFile& file, Bytes entry, std::uint64_t most);
-
 enum TiffTag : std::uint16_t {
   kSubfile = 254,
   kOldSubfile = 255,
@@ -62,6 +64,8 @@ enum TiffTag : std::uint16_t {
   kBits = 258,
   kCompression = 259,
   kPhotometric = 262,
+  kDescription = 270,
+  kCamera = 272,
   kStripPlaces = 273,
   kSamples = 277,
   kRowsPerStrip = 278,
@@ -71,7 +75,9 @@ enum TiffTag : std::uint16_t {
   kTileRows = 323,
   kTilePlaces = 324,
   kTileBytes = 325,
-  kSampleFormat = 339
+  kSampleFormat = 339,
+  kExposure = 33434,
+  kExif = 34665
 };
 
 /// A directory's values by their tags.
@@ -80,15 +86,26 @@ class TiffTags {
   /// As tiff_entries; file has to outlive it.
   TiffTags(const TiffFile& file, std::uint64_t at, std::string_view name);
   bool has(TiffTag tag) const { return at_.contains(tag); }
-  /// As tiff_values; none where the tag is not there.
+  /// The tag's first `most` values; none unless it is there and they are whole numbers that lie
+  /// within the file.
   std::vector<std::uint64_t> all(TiffTag tag, std::uint64_t most) const;
   std::uint64_t one(TiffTag tag, std::uint64_t otherwise) const;
+  /// The first `most` characters; none unless it is a text that lies within the file.
+  std::string text(TiffTag tag, std::uint64_t most) const;
+  /// A number with a fraction.
+  std::optional<double> rational(TiffTag tag) const;
   std::uint64_t next() const { return entries_.next; }
 
  private:
   Bytes entry(std::size_t at) const {
     return Bytes(entries_.bytes).subspan(at, file_.entry_bytes());
   }
+  struct Values {
+    std::vector<std::uint8_t> bytes;
+    std::size_t each = 0;  // bytes of one
+  };
+  Values values(TiffTag tag, std::initializer_list<std::uint16_t> types, std::uint64_t most) const;
+
   const TiffFile& file_;
   TiffEntries entries_;
   std::map<std::uint16_t, std::size_t> at_;

@@ -1,6 +1,4 @@
-// The pixels of a TIFF file that are compressed by Deflate. OpenImageIO (seen with
-// 2.4.7) inflates strips itself and is silent where zlib finds damage; libtiff stops before the
-// checksum.
+// The pixels of a TIFF file that are compressed by Deflate: libtiff stops before the checksum.
 #pragma once
 
 #include <cstdint>
