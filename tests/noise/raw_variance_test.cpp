@@ -1,10 +1,13 @@
 // The variance of raw pixels from a profile whose numbers are known.
 #include "malus/noise/raw_variance.h"
 
+#include "malus/base/statistics.h"
+
 #include <algorithm>
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <random>
 
 #include <gtest/gtest.h>
 
@@ -37,12 +40,37 @@ NoiseProfile profile() {
 TEST(RawVariance, IsTheCurveAtThePixelWithItsRow) {
   RawFrame frame = ramp(true);
   const Image variance = take_out_bias(frame, profile(), saturation_dn(frame));
-  EXPECT_FLOAT_EQ(variance(0, 0), kOffset + kRow * kRow);  // no light is less than none
+  EXPECT_FLOAT_EQ(variance(0, 0), kOffset - kSlope * 8 + kRow * kRow);  // below no light: less
   EXPECT_FLOAT_EQ(frame.dn(0, 0), -5 - kBias);
   EXPECT_FLOAT_EQ(variance(0, 3), kSlope * 100 + kOffset + kRow * kRow);
   EXPECT_FLOAT_EQ(frame.dn(0, 3), 100);
   EXPECT_FLOAT_EQ(variance(1, 0), kSlope * 996 + kOffset + kRow * kRow);
   EXPECT_TRUE(std::isnan(variance(1, 3)));
+}
+
+// Poisson light and read noise of 2.4 electrons, 0.5 DN/e-. With the variance of no light for all
+// pixels below it the mean was 17 % too large in the dark.
+TEST(RawVariance, MeansTheTrueOneInTheDark) {
+  constexpr double kReadElectrons = 2.4, kRead2 = kReadElectrons * kReadElectrons;
+  NoiseProfile dark = profile();
+  for (ChannelProfile& channel : dark.channels)
+    channel = {.variance = VarianceCurve::affine(kSlope, kSlope * kSlope * kRead2)};
+  for (const double of_read_noise : {0.0, 0.3, 1.0, 3.0, 10.0}) {
+    const double electrons = of_read_noise * kReadElectrons;
+    RawFrame frame = ramp(true);
+    frame.dn = Image(300, 300);
+    std::mt19937 random(5);
+    std::poisson_distribution<int> light(std::max(electrons, 1e-9));
+    std::normal_distribution<double> read(0, kReadElectrons);
+    for (float& pixel : frame.dn.values())
+      pixel = static_cast<float>(kSlope * (light(random) + read(random)));
+    Moments stated;
+    const Image variance = take_out_bias(frame, dark, saturation_dn(frame));
+    for (const float v : variance.values()) stated.add(v);
+    const double truth = kSlope * kSlope * (electrons + kRead2);
+    EXPECT_NEAR(stated.mean() / truth, 1.01, 0.02) << of_read_noise;  // 2.5 % too much at 0
+    EXPECT_GE(*std::ranges::min_element(variance.values()), 0.49 * kSlope * kSlope * kRead2);
+  }
 }
 
 TEST(RawVariance, OfSaturatedPixelsIsNotKnownAndTheyStay) {

@@ -26,6 +26,17 @@ SaturatedCells cells_with(const Planes& packed, const IsSaturated& is_saturated)
   return cells;
 }
 
+// The variance that a pixel of this noisy value tells. Were it that of no light for all below 0,
+// its mean over the noise would be too large in the dark: so there it falls below that of no light
+// by as much as it rises above it for the value's opposite, but to no less than this share, as
+// noise of which most is the light's would otherwise be stated as none.
+double variance_at_sample(const VarianceCurve& curve, double signal_dn) {
+  constexpr double kLeastShare = 0.5;
+  if (!(signal_dn < 0)) return curve(signal_dn);
+  const double dark_dn2 = curve(0);
+  return std::max(2 * dark_dn2 - curve(-signal_dn), kLeastShare * dark_dn2);
+}
+
 }  // namespace
 
 std::vector<float> saturation_dn(const RawFrame& frame) {
@@ -86,7 +97,7 @@ Image take_out_bias(RawFrame& above_black, const NoiseProfile& profile,
         continue;
       }
       pixel -= static_cast<float>(channel.bias_dn);
-      variance(r, c) = static_cast<float>(channel.variance(std::max(double{pixel}, 0.0)) +
+      variance(r, c) = static_cast<float>(variance_at_sample(channel.variance, double{pixel}) +
                                           channel.sigma_row_dn * channel.sigma_row_dn);
     }
   return variance;

@@ -40,9 +40,9 @@ SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLay
 void subtract_bias(Image& dn, const NoiseProfile& profile);
 
 /// Takes the bias off a noisy frame above black, but for saturated pixels. Returns the variance of
-/// every pixel [DN²]: the variance curve at the pixel itself and its row noise, which row_offsets
-/// tells the shared part of; NaN for saturated pixels. Contract: the profile has the frame's
-/// layout.
+/// every pixel [DN²]: the variance curve at the pixel itself (below no light carried on as its
+/// mirror image, to half of its value there) and its row noise, which row_offsets tells the shared
+/// part of; NaN for saturated pixels. Contract: the profile has the frame's layout.
 Image take_out_bias(RawFrame& above_black, const NoiseProfile& profile,
                     const std::vector<float>& saturated_dn);
 
