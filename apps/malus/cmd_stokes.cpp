@@ -213,7 +213,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   Confidence confidence;
   if (arguments.confidence())
     confidence = confidence_of(
-        uncertainty_of(picture, errors.variance, frame.layout, intensities, errors.rows));
+        uncertainty_of(picture, errors.variance, frame.layout, intensities, errors.offsets));
   std::vector<Product> data = product_data(picture);
   const std::vector<std::string> channels =
       picture.names.size() == 1 ? std::vector<std::string>{"Y"} : picture.names;
@@ -234,7 +234,7 @@ Json stokes_of_file(const StokesArguments& arguments, const std::optional<NoiseM
   Confidence shown;
   if (arguments.confidence())
     shown = confidence_pictures(
-        uncertainty_of_mean(picture, errors.variance, frame.layout, intensities, errors.rows),
+        uncertainty_of_mean(picture, errors.variance, frame.layout, intensities, errors.offsets),
         arguments.render);
   save_pictures(std::move(picture),
                 arguments.confidence() ? std::span<const Planes>(shown) : std::span<const Planes>(),

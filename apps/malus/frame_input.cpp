@@ -1,6 +1,7 @@
 #include "frame_input.h"
 
 #include "malus/base/error.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/image/pack.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/same_sensor.h"
@@ -81,7 +82,7 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
 
 NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range) {
   try {
-    return model.profile_at(frame.gain, range);
+    return denoising_profile(frame, model, frame.gain, range);
   } catch (const InputError& error) {
     throw InputError(frame.source + ": " + error.subject(), error.problem(), error.remedy());
   }

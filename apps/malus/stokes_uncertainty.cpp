@@ -34,7 +34,7 @@ PixelErrors take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRang
   require_layout_of_model(above_black, model.layout);
   const NoiseProfile profile = profile_for(above_black, model, range);
   return {pack(malus::take_out_bias(above_black, profile, light.saturated_dn), above_black.layout),
-          row_offsets(profile)};
+          shared_offsets(profile)};
 }
 
 Planes load_variance(const std::filesystem::path& path, const RawFrame& frame) {

@@ -26,8 +26,8 @@ using Confidence = std::array<Planes, kConfidenceProducts.size()>;
 
 /// What is known of the errors of a frame's pixels.
 struct PixelErrors {
-  Planes variance;    ///< packed [DN²]; NaN where the raw frame was saturated
-  RowOffsets rows{};  ///< the part of it that the pixels of a row share; none of denoised frames
+  Planes variance;          ///< packed [DN²]; NaN where the raw frame was saturated
+  SharedOffsets offsets{};  ///< the part that rows and columns share; none of denoised frames
 };
 
 /// take_out_bias (malus/noise/raw_variance.h) with the model's profile at the frame's gain, and the

@@ -1,5 +1,6 @@
 // Stokes parameters, normals, and mosaics of them.
 #include "malus/base/error.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/image/pack.h"
 #include "malus/image/raw_frame.h"
 #include "malus/noise/frame_levels.h"
@@ -208,12 +209,13 @@ py::dict stokes_by_model(const py::object& given, const std::optional<std::strin
   SaturatedCells saturated;
   {
     const py::gil_scoped_release release;
-    const auto profile = model.description().profile_at(gain, gain_range(extrapolate));
+    const NoiseProfile profile =
+        denoising_profile(frame, model.description(), gain, gain_range(extrapolate));
     const Planes variance = pack(take_out_bias(frame, profile, light.saturated_dn), layout);
     saturated = saturated_cells(frame.dn, layout, variance);
     picture = stokes_picture(frame.dn, layout, std::nullopt);
     uncertainty =
-        uncertainty_of(*picture, variance, layout, Intensities::kMeasured, row_offsets(profile));
+        uncertainty_of(*picture, variance, layout, Intensities::kMeasured, shared_offsets(profile));
   }
   for (const std::string& line : model_complaints(model.description(), gain, false))
     give_warning(line);
@@ -346,7 +348,8 @@ void bind_polarization(py::module_& m) {
       "pixel.\n\n"
       "variance: of every pixel of the mosaic [DN^2], as denoise(variance=True) gives it: adds "
       "the standard deviations s0_sd, s1_sd, s2_sd [DN], dolp_sd, aolp_sd_deg, and "
-      "dolp_corrected. denoised=False: the mosaic is raw, its pixels' noise independent.\n\n"
+      "dolp_corrected. denoised=False: the mosaic is raw, its pixels' noise independent; what its "
+      "rows and columns share is known with model alone.\n\n"
       "model: a Model, or the path or name of one, that tells the variance of raw pixels at gain "
       "[dB or ISO] (that of the Frame if not given), adds the same, and takes its bias out first.");
   m.def("normals", &normals, py::arg("dn_above_black"), py::arg("layout") = py::none(),

@@ -84,17 +84,23 @@ TEST(RawVariance, OfSaturatedPixelsIsNotKnownAndTheyStay) {
                   kSlope * 997 + kOffset + kRow * kRow);
 }
 
-TEST(RawVariance, RowsShareTheirOffsets) {
+TEST(RawVariance, RowsAndColumnsShareTheirOffsets) {
   NoiseProfile drifting = profile();
+  drifting.channels[1].sigma_column_dn = 4;
   drifting.channels[2].sigma_row_dn = 5;
   drifting.row_group = 2;
-  EXPECT_TRUE(row_offsets(drifting).correlation.empty());
+  EXPECT_TRUE(shared_offsets(drifting).rows.correlation.empty());
   drifting.row_drift = {0.5, 2};
-  const RowOffsets rows = row_offsets(drifting);
+  const auto [rows, columns] = shared_offsets(drifting);
   EXPECT_EQ(rows.sd_dn, (std::vector<double>{kRow, kRow, 5, kRow}));
-  EXPECT_EQ(rows.group_rows, 2);
+  EXPECT_EQ(rows.group_lines, 2);
   ASSERT_EQ(rows.correlation.size(), 1u);  // a cell has two rows
   EXPECT_DOUBLE_EQ(rows.correlation[0], 0.5 * std::exp(-0.5));
+  EXPECT_EQ(columns.sd_dn, (std::vector<double>{0, 4, 0, 0}));
+  EXPECT_EQ(columns.group_lines, 1);
+  RawFrame frame = ramp(true);
+  EXPECT_FLOAT_EQ(take_out_bias(frame, drifting, saturation_dn(frame))(0, 3),
+                  kSlope * 100 + kOffset + kRow * kRow + 4 * 4);
 }
 
 TEST(RawVariance, BiasIsEachChannelsOwn) {

@@ -98,18 +98,22 @@ Image take_out_bias(RawFrame& above_black, const NoiseProfile& profile,
       }
       pixel -= static_cast<float>(channel.bias_dn);
       variance(r, c) = static_cast<float>(variance_at_sample(channel.variance, double{pixel}) +
-                                          channel.sigma_row_dn * channel.sigma_row_dn);
+                                          channel.sigma_row_dn * channel.sigma_row_dn +
+                                          channel.sigma_column_dn * channel.sigma_column_dn);
     }
   return variance;
 }
 
-RowOffsets row_offsets(const NoiseProfile& profile) {
-  RowOffsets rows{{}, profile.row_group, {}};
-  for (const ChannelProfile& channel : profile.channels) rows.sd_dn.push_back(channel.sigma_row_dn);
+SharedOffsets shared_offsets(const NoiseProfile& profile) {
+  SharedOffsets shared{{{}, profile.row_group, {}}, {}};
+  for (const ChannelProfile& channel : profile.channels) {
+    shared.rows.sd_dn.push_back(channel.sigma_row_dn);
+    shared.columns.sd_dn.push_back(channel.sigma_column_dn);
+  }
   if (!profile.row_drift.white())
     for (int lag = 1; lag < profile.layout.rows(); ++lag)
-      rows.correlation.push_back(row_autocorrelation(profile.row_drift, lag));
-  return rows;
+      shared.rows.correlation.push_back(row_autocorrelation(profile.row_drift, lag));
+  return shared;
 }
 
 }  // namespace malus

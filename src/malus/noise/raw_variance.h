@@ -3,7 +3,7 @@
 #pragma once
 
 #include "malus/image/raw_frame.h"
-#include "malus/image/row_offsets.h"
+#include "malus/image/shared_offsets.h"
 #include "malus/noise/profile.h"
 
 #include <cstdint>
@@ -41,12 +41,13 @@ void subtract_bias(Image& dn, const NoiseProfile& profile);
 
 /// Takes the bias off a noisy frame above black, but for saturated pixels. Returns the variance of
 /// every pixel [DN²]: the variance curve at the pixel itself (below no light carried on as its
-/// mirror image, to half of its value there) and its row noise, which row_offsets tells the shared
-/// part of; NaN for saturated pixels. Contract: the profile has the frame's layout.
+/// mirror image, to half of its value there), its row noise and its column noise, which
+/// shared_offsets tells the shared part of; NaN for saturated pixels. Contract: the profile has the
+/// frame's layout.
 Image take_out_bias(RawFrame& above_black, const NoiseProfile& profile,
                     const std::vector<float>& saturated_dn);
 
-/// What the row noise of a frame's pixels has in common, up to the rows of a cell.
-RowOffsets row_offsets(const NoiseProfile& profile);
+/// What the row and column noise of a frame's pixels has in common, up to the rows of a cell.
+SharedOffsets shared_offsets(const NoiseProfile& profile);
 
 }  // namespace malus

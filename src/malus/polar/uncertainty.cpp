@@ -79,45 +79,47 @@ AngleImages angle_variances(const Planes& packed_variance, const SensorLayout& l
 }
 
 // One site's part in the Stokes parameters of the mean over the groups, of an offset of one
-// deviation of its row's.
+// deviation of its line's.
 struct SiteOffset {
-  int row;  ///< in the cell
+  int channel;
   Stokes part;
 };
 
 std::vector<SiteOffset> site_offsets(const SensorLayout& layout, const Groups& groups,
-                                     const RowOffsets& rows) {
+                                     const LineOffsets& lines) {
   std::vector<SiteOffset> all;
   for (const int angle_deg : {0, 45, 90, 135})
     for (const SiteWeight& site : site_weights(layout, groups, angle_deg)) {
-      const double offset = site.weight * rows.sd_dn[static_cast<std::size_t>(site.channel)];
+      const double offset = site.weight * lines.sd_dn[static_cast<std::size_t>(site.channel)];
       const auto behind = [&](int deg) { return deg == angle_deg ? offset : 0.0; };
-      all.push_back({site.channel / layout.cols(),
-                     stokes_of(behind(0), behind(45), behind(90), behind(135))});
+      all.push_back({site.channel, stokes_of(behind(0), behind(45), behind(90), behind(135))});
     }
   return all;
 }
 
-// What row offsets add to a covariance in which they count as independent, of the cells from the
-// frame's first row on until their rows meet the row groups alike again; empty without offsets.
-std::vector<StokesCovariance> shared_offsets(const SensorLayout& layout, const Groups& groups,
-                                             const RowOffsets& rows) {
-  if (rows.sd_dn.empty()) return {};
-  MALUS_REQUIRE(std::ssize(rows.sd_dn) == layout.channels() && rows.group_rows >= 1);
-  const std::vector<SiteOffset> sites = site_offsets(layout, groups, rows);
-  const int period = std::lcm(layout.rows(), rows.group_rows) / layout.rows();
+// What the offsets of lines add to a covariance in which they count as independent, of the cells
+// from the frame's first line on until their lines meet the groups alike again; empty without
+// offsets. line_of(channel): in a cell of so many lines.
+template <class LineOf>
+std::vector<StokesCovariance> added_by(const LineOffsets& lines, int cell_lines,
+                                       const LineOf& line_of, const SensorLayout& layout,
+                                       const Groups& groups) {
+  if (lines.sd_dn.empty()) return {};
+  MALUS_REQUIRE(std::ssize(lines.sd_dn) == layout.channels() && lines.group_lines >= 1);
+  const std::vector<SiteOffset> sites = site_offsets(layout, groups, lines);
+  const int period = std::lcm(cell_lines, lines.group_lines) / cell_lines;
   std::vector<StokesCovariance> added(static_cast<std::size_t>(period));
   for (int cell = 0; cell < period; ++cell) {
     const auto group_of = [&](const SiteOffset& site) {
-      return (cell * layout.rows() + site.row) / rows.group_rows;
+      return (cell * cell_lines + line_of(site.channel)) / lines.group_lines;
     };
     StokesCovariance& v = added[static_cast<std::size_t>(cell)];
     for (const SiteOffset& a : sites)
       for (const SiteOffset& b : sites) {
         if (&a == &b) continue;
         const auto lag = static_cast<std::size_t>(std::abs(group_of(a) - group_of(b)));
-        if (lag > rows.correlation.size()) continue;
-        const double correlation = lag == 0 ? 1.0 : rows.correlation[lag - 1];
+        if (lag > lines.correlation.size()) continue;
+        const double correlation = lag == 0 ? 1.0 : lines.correlation[lag - 1];
         v.s0s0 += correlation * a.part.s0 * b.part.s0;
         v.s1s1 += correlation * a.part.s1 * b.part.s1;
         v.s2s2 += correlation * a.part.s2 * b.part.s2;
@@ -127,6 +129,25 @@ std::vector<StokesCovariance> shared_offsets(const SensorLayout& layout, const G
       }
   }
   return added;
+}
+
+// By cell row and by cell column, over and over.
+struct AddedCovariances {
+  std::vector<StokesCovariance> by_row, by_column;
+};
+
+AddedCovariances added_covariances(const SensorLayout& layout, const Groups& groups,
+                                   const SharedOffsets& offsets) {
+  const int cols = layout.cols();
+  return {
+      added_by(
+          offsets.rows, layout.rows(), [&](int channel) { return channel / cols; }, layout, groups),
+      added_by(
+          offsets.columns, cols, [&](int channel) { return channel % cols; }, layout, groups)};
+}
+
+StokesCovariance at_cell(const std::vector<StokesCovariance>& added, int cell) {
+  return added.empty() ? StokesCovariance() : added[static_cast<std::size_t>(cell) % added.size()];
 }
 
 StokesCovariance sum_of(const StokesCovariance& a, const StokesCovariance& b) {
@@ -219,9 +240,9 @@ double expected_dolp(const Stokes& s, const StokesCovariance& v) {
 
 namespace {
 
-// added: by cell row, over and over; to covariances in which offsets count as independent.
+// added: to covariances in which offsets count as independent.
 StokesUncertainty propagated(const StokesPlanes& stokes, const AnglePlanes& variance,
-                             Intensities intensities, const std::vector<StokesCovariance>& added) {
+                             Intensities intensities, const AddedCovariances& added) {
   const int rows = stokes.s0.rows(), cols = stokes.s0.cols();
   for (const auto& plane : {variance.i0, variance.i45, variance.i90, variance.i135})
     MALUS_REQUIRE(plane.rows() == rows && plane.cols() == cols);
@@ -230,14 +251,13 @@ StokesUncertainty propagated(const StokesPlanes& stokes, const AnglePlanes& vari
   const double shared = intensities == Intensities::kMeasured ? 0.0 : kSharedError;
   parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
     for (auto r = static_cast<int>(first); r < static_cast<int>(last); ++r) {
-      const StokesCovariance rows_share =
-          added.empty() ? StokesCovariance() : added[static_cast<std::size_t>(r) % added.size()];
+      const StokesCovariance of_row = at_cell(added.by_row, r);
       for (int c = 0; c < cols; ++c) {
         const Stokes s{stokes.s0(r, c), stokes.s1(r, c), stokes.s2(r, c)};
         const StokesCovariance v =
             sum_of(stokes_covariance(variance.i0(r, c), variance.i45(r, c), variance.i90(r, c),
                                      variance.i135(r, c), shared),
-                   rows_share);
+                   sum_of(of_row, at_cell(added.by_column, c)));
         out.s0_variance(r, c) = static_cast<float>(v.s0s0);
         out.s1_variance(r, c) = static_cast<float>(v.s1s1);
         out.s2_variance(r, c) = static_cast<float>(v.s2s2);
@@ -282,23 +302,23 @@ std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPla
 std::vector<StokesUncertainty> uncertainty_of(const StokesPicture& picture,
                                               const Planes& packed_variance,
                                               const SensorLayout& layout, Intensities intensities,
-                                              const RowOffsets& rows) {
+                                              const SharedOffsets& offsets) {
   std::vector<StokesUncertainty> all;
   const Groups groups = groups_of(picture, layout);
   for (std::size_t i = 0; i < groups.size(); ++i)
     all.push_back(propagated(picture.planes[i],
                              angle_variances(packed_variance, layout, {groups[i]}, intensities),
-                             intensities, shared_offsets(layout, {groups[i]}, rows)));
+                             intensities, added_covariances(layout, {groups[i]}, offsets)));
   return all;
 }
 
 StokesUncertainty uncertainty_of_mean(const StokesPicture& picture, const Planes& packed_variance,
                                       const SensorLayout& layout, Intensities intensities,
-                                      const RowOffsets& rows) {
+                                      const SharedOffsets& offsets) {
   const Groups groups = groups_of(picture, layout);
   return propagated(mean_stokes(picture.planes),
                     angle_variances(packed_variance, layout, groups, intensities), intensities,
-                    shared_offsets(layout, groups, rows));
+                    added_covariances(layout, groups, offsets));
 }
 
 }  // namespace malus

@@ -2,7 +2,7 @@
 // intensities, and DoLP with its bias removed.
 #pragma once
 
-#include "malus/image/row_offsets.h"
+#include "malus/image/shared_offsets.h"
 #include "malus/polar/stokes.h"
 
 namespace malus {
@@ -74,19 +74,19 @@ std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPla
                                                      const SensorLayout& layout,
                                                      Intensities intensities);
 
-/// The same after merge_greens: green has the variance of the mean of both greens. rows: what the
-/// variances hold of row noise, which pixels of one row have in common: in S0 it adds up, in S1 and
-/// S2 it cancels where all four share their row group.
+/// The same after merge_greens: green has the variance of the mean of both greens. offsets: what
+/// the variances hold of row and column noise, which pixels of one line have in common: in S0 it
+/// adds up, in S1 and S2 it cancels where all four share their group of lines.
 std::vector<StokesUncertainty> uncertainty_of(const StokesPicture& picture,
                                               const Planes& packed_variance,
                                               const SensorLayout& layout, Intensities intensities,
-                                              const RowOffsets& rows = {});
+                                              const SharedOffsets& offsets = {});
 
 /// Of the mean of the picture's colours (mean_stokes), as DoLP and AoLP pictures show it: not the
 /// mean of the colours' own deviations, for the angles of the colours may differ, and noise
 /// averages out.
 StokesUncertainty uncertainty_of_mean(const StokesPicture& picture, const Planes& packed_variance,
                                       const SensorLayout& layout, Intensities intensities,
-                                      const RowOffsets& rows = {});
+                                      const SharedOffsets& offsets = {});
 
 }  // namespace malus
