@@ -40,11 +40,13 @@ StatedLevels with_true_black(const RawFrame& told, const FrameOptions& options,
   return levels;
 }
 
-std::string complaint_of(std::int64_t odd, std::size_t pixels, const std::string& source,
-                         std::string_view what_comes) {
-  if (odd == 0) return {};
-  if (static_cast<std::size_t>(odd) == pixels)
+void require_numbers(std::int64_t odd, std::size_t pixels, const std::string& source) {
+  if (odd > 0 && static_cast<std::size_t>(odd) == pixels)
     throw InputError(source, "all pixels are NaN or infinite", "check how it was made");
+}
+
+std::string complaint_of(std::int64_t odd, const std::string& source, std::string_view what_comes) {
+  if (odd == 0) return {};
   return fmt::format("{}: {} NaN or infinite; {}", source, counted_are(odd, "pixel"), what_comes);
 }
 
@@ -83,19 +85,25 @@ void require_raw(const std::string& source, const std::string& holds, const std:
         remedy);
 }
 
-std::string nonfinite_complaint(View<const float> dn, const std::string& source,
-                                std::string_view what_comes) {
+std::int64_t nonfinite_pixels(View<const float> dn, const std::string& source) {
   std::int64_t odd = 0;
   for (int r = 0; r < dn.rows(); ++r)
     odd += std::count_if(dn.row(r), dn.row(r) + dn.cols(),
                          [](float value) { return !std::isfinite(value); });
   const auto pixels = static_cast<std::size_t>(dn.rows()) * static_cast<std::size_t>(dn.cols());
-  return complaint_of(odd, pixels, source, what_comes);
+  require_numbers(odd, pixels, source);
+  return odd;
+}
+
+std::string nonfinite_complaint(View<const float> dn, const std::string& source,
+                                std::string_view what_comes) {
+  return complaint_of(nonfinite_pixels(dn, source), source, what_comes);
 }
 
 std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,
                                       const std::string& source) {
-  return complaint_of(count, pixels, source, "taken as dark");
+  require_numbers(count, pixels, source);
+  return complaint_of(count, source, "taken as dark");
 }
 
 std::vector<float> take_as_light(RawFrame& frame) {

@@ -42,8 +42,9 @@ StatedLevels levels_for_frame(const RawFrame& told, const std::string& holds,
 /// bias are no longer in it.
 void require_raw(const std::string& source, const std::string& holds, const std::string& remedy);
 
-/// How many pixels are no numbers, and what comes of them, as a warning; empty where all are
-/// numbers. Throws InputError where none is.
+/// How many pixels are no numbers. Throws InputError naming the source where all are such.
+std::int64_t nonfinite_pixels(View<const float> dn, const std::string& source);
+/// The same and what comes of them, as a warning; empty where all are numbers. Throws as above.
 std::string nonfinite_complaint(View<const float> dn, const std::string& source,
                                 std::string_view what_comes);
 /// The same of the light of a picture (linear_light, malus/synthesize/scene.h), of which `count`

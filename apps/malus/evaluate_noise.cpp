@@ -23,13 +23,36 @@ namespace fs = std::filesystem;
 
 constexpr const char* kLeftOut = "left out";  // pixels that are no numbers
 
-// A frame is loaded several times; its pixels that are left out are said once.
+// Pixels that are left out of a set's frames.
+struct LeftOut {
+  std::set<int> seen;  ///< frames, which are loaded several times
+  std::vector<std::string> frames;
+  std::int64_t pixels = 0;
+
+  void take(int k, const std::string& frame, std::int64_t odd) {
+    if (!seen.insert(k).second || odd == 0) return;
+    frames.push_back(frame);
+    pixels += odd;
+  }
+  void say() const {
+    if (frames.empty()) return;
+    const std::string others =
+        frames.size() > 1 ? " and " + counted(std::ssize(frames) - 1, "more frame") : "";
+    warn(fmt::format("{}{}: {} NaN or infinite; {}", frames.front(), others,
+                     counted_are(pixels, "pixel"), kLeftOut));
+  }
+};
+
+// They are said in one line, once every frame was loaded.
 NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& options) {
-  const auto said = std::make_shared<std::set<int>>();
-  return {static_cast<int>(paths.size()), [paths, options, said](int k) {
+  const auto left_out = std::make_shared<LeftOut>();
+  return {static_cast<int>(paths.size()), [paths, options, left_out](int k) {
             const fs::path& path = paths[static_cast<std::size_t>(k)];
             Image dn = load_above_black(path, options).dn;
-            if (said->insert(k).second) check_finite(dn, path.string(), kLeftOut);
+            const std::size_t before = left_out->seen.size();
+            left_out->take(k, path.string(), nonfinite_pixels(dn, path.string()));
+            const std::size_t seen = left_out->seen.size();
+            if (seen > before && seen == paths.size()) left_out->say();
             return dn;
           }};
 }

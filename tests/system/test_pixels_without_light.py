@@ -119,4 +119,8 @@ def test_pixels_left_out_of_a_comparison_of_noise_are_said(malus, refused, tmp_p
     assert said.count("b.npy: 2 pixels are NaN or infinite; left out") == 1  # though it is loaded more than once
     assert "clean.npy: 1 pixel is NaN or infinite; left out" in said and said.count("left out") == 2
     assert "left out" not in malus(*noise, tmp_path / "c.npy").err
+    frames["c"][0, 0] = np.inf
+    np.save(tmp_path / "c.npy", frames["c"])
+    both = malus(*noise, tmp_path / "b.npy", tmp_path / "c.npy").err  # of many frames one line, too
+    assert both.count("left out") == 1 and "b.npy and 1 more frame: 3 pixels are NaN or infinite; left out" in both
     assert "none.npy: all pixels are NaN or infinite" in refused(*noise, tmp_path / "none.npy")
