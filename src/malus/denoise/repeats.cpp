@@ -112,7 +112,7 @@ class RegionCovariance {
     std::vector<float> power(detail_.size());
     // Two values of the cells at once, as real and imaginary part: their covariances add up.
     for (int value = 0; value < kLanes; value += 2) add_power(frame, region, value, power);
-    const std::vector<float> shares = detail_shares();
+    static const std::vector<float> shares = detail_shares();
     double noise = 0;
     for (std::size_t i = 0; i < power.size(); ++i) {
       detail_[i] = shares[i] * power[i];

@@ -34,15 +34,13 @@ class Repeats {
 
   int down() const { return down_; }
   int across() const { return across_; }
-  std::vector<RepeatStep>& of_region(int i, int k) {
-    return steps_[static_cast<std::size_t>(i * across_ + k)];
-  }
+  std::vector<RepeatStep>& of_region(int i, int k) { return steps_[index(i, k)]; }
   /// Around a pixel of the frame, or beyond its border.
   const std::vector<RepeatStep>& at(int row, int col) const {
     constexpr int kRegion = kRegionCells * kCell;
     const int i = std::clamp(row / kRegion, 0, down_ - 1),
               k = std::clamp(col / kRegion, 0, across_ - 1);
-    return steps_[static_cast<std::size_t>(i * across_ + k)];
+    return steps_[index(i, k)];
   }
   /// The farthest step in rows or columns [mosaic pixels]; 0 where nothing repeats.
   int reach() const {
@@ -62,6 +60,8 @@ class Repeats {
   }
 
  private:
+  std::size_t index(int i, int k) const { return static_cast<std::size_t>(i * across_ + k); }
+
   int down_, across_;
   std::vector<std::vector<RepeatStep>> steps_;
 };
