@@ -1,12 +1,16 @@
 // Bias frames of sensors with defects, few of them, and with heavy tails.
+#include "malus/base/random.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/internal/bias_checks.h"
 #include "malus/calibrate/internal/channel_words.h"
+#include "malus/noise/physics.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <numbers>
 
 #include "simulated_session.h"
 #include <gmock/gmock.h>
@@ -250,6 +254,50 @@ TEST(BiasFrames, HeavyTailsFromFewFramesAreSaid) {
   for (PhysicsChannel& channel : camera.gains.front().noise.channels) channel.lambda = 0.2;
   camera.bias_frames = 4;
   EXPECT_THAT(calibrated(camera).physics.front().warnings, Not(Contains(HasSubstr("heavy tails"))));
+}
+
+enum class AddedNoise { kNone, kLaplace, kTelegraph };
+
+// Read noise of 4 DN. kTelegraph: one pixel in 150 jumps by 48 DN in a tenth of the frames.
+PhysicsCalibration of_added_noise(AddedNoise noise, std::uint64_t seed) {
+  constexpr double kReadDn = 4.0, kJump = 48.0, kOneInTen = 1.2816;
+  const bool laplace = noise == AddedNoise::kLaplace;
+  SimulatedCamera camera = testing::mono_camera(0.4, 0.14, laplace ? 0.01 : kReadDn, 0.3, seed);
+  camera.rows = camera.cols = 96;
+  camera.bias_frames = 24;
+  camera.rounded = false;
+  CalibrationInput input = simulated_session(camera);
+  testing::change_frames(input, [noise, seed](RawFrame& frame, int i) {
+    RandomSequence random(seed, static_cast<std::uint32_t>(i), Draw::kScene);
+    std::size_t pixel = 0;
+    for (float& dn : frame.dn.values()) {
+      const double size = kReadDn * std::hypot(random.normal(), random.normal());
+      const double drawn = random.normal();
+      if (noise == AddedNoise::kLaplace)
+        dn += static_cast<float>(size * drawn / std::numbers::sqrt2);
+      else if (noise == AddedNoise::kTelegraph && pixel++ % 150 == 7 && drawn > kOneInTen)
+        dn += static_cast<float>(kJump);
+      dn = std::round(dn);
+    }
+  });
+  return calibrate_physics(input, {}, silent_progress()).physics.front();
+}
+
+// Laplace noise is likeliest of the law with λ = -0.18, whose deviation is 4 % larger, 11 stated
+// errors of σ_TL. Pixels that jump make the frames' variance larger: there the law is right.
+TEST(BiasFrames, TheLawHasTheDarkFramesVariance) {
+  constexpr double kReadDn = 4.0;
+  for (const std::uint64_t seed : {5, 6, 7}) {
+    const PhysicsCalibration laplace = of_added_noise(AddedNoise::kLaplace, seed);
+    EXPECT_NEAR(laplace.lambda.mean.at(0), -0.18, 0.01);
+    EXPECT_NEAR(read_noise_dn(laplace)[0] / kReadDn, 1.0, 0.012);
+    // What is kept of single frames is the mean's: errors in electrons come from them.
+    double of_frames = 0;
+    for (const auto& frame : laplace.sigma_tl.per_frame) of_frames += frame[0] / 24;
+    EXPECT_NEAR(of_frames / laplace.sigma_tl.mean[0], 1.0, 1e-9);
+    for (const AddedNoise noise : {AddedNoise::kNone, AddedNoise::kTelegraph})
+      EXPECT_NEAR(read_noise_dn(of_added_noise(noise, seed))[0] / kReadDn, 1.0, 0.008);
+  }
 }
 
 // Dark noise of one channel with that shape and deviation, steps of 1 DN.

@@ -10,6 +10,7 @@
 #include "malus/calibrate/internal/flat_checks.h"
 #include "malus/calibrate/internal/gain_run.h"
 #include "malus/calibrate/internal/matching_dark.h"
+#include "malus/calibrate/internal/read_noise_shape.h"
 #include "malus/calibrate/internal/row_group.h"
 #include "malus/image/quantization.h"
 #include "malus/noise/same_sensor.h"
@@ -186,6 +187,8 @@ CalibratedGain calibrate_gain(GainRun& run, double step_dn, RowGroupDecision& ro
   result.defects = find_defects(pixels, out.prnu_map, geometry);
   warn_of_many_defects(result.defects.size(), geometry, out);
   leave_defects_out(pixels, result.defects, geometry, out);
+  if (!run.settings().single_frame && run.settings().shape != "ppcc")
+    keep_dark_variance(dark.step_dn, out);
   restore_dsnu(dark, out);
   if (dark.doubtful_drift) out.row_drift = {};
   if (!run.settings().maps) {

@@ -1,21 +1,28 @@
 #include "malus/calibrate/internal/read_noise_shape.h"
 
 #include "malus/base/index.h"
+#include "malus/base/log_gamma.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/internal/across_frames.h"
 #include "malus/calibrate/internal/channel_words.h"
 #include "malus/calibrate/internal/tukey_fit.h"
+#include "malus/noise/physics.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <string>
 
 #include <fmt/format.h>
 
 namespace malus {
 namespace {
+
+struct Value {
+  double mean = 0, error = 0;
+};
 
 // Per-frame shape and scale of one channel.
 struct ChannelShapes {
@@ -112,20 +119,25 @@ void append_nearly_normal(double read_variance_dn2, std::size_t frames, PhysicsC
   append_frames({}, frames, out.sigma_tl);
 }
 
+// Scale of the law with that variance, and its error.
+Value scale_of_variance(const Value& lambda, const Value& variance_dn2) {
+  constexpr double kStep = 1e-3;  // of λ
+  const double of_shape = tukey_lambda_variance(lambda.mean);
+  const double by_lambda =
+      0.5 * (tukey_lambda_variance(lambda.mean + kStep) - of_shape) / (kStep * of_shape);
+  const double scale = std::sqrt(std::max(variance_dn2.mean, 0.0) / of_shape);
+  return {scale, scale * std::hypot(0.5 * variance_dn2.error / variance_dn2.mean,
+                                    by_lambda * lambda.error)};
+}
+
 // Shape of the law that tells what was cut off, with the variance that it has without offsets.
 void append_law(const CutOffNoise& cut, double read_variance_dn2, std::size_t frames,
                 PhysicsCalibration& out) {
-  constexpr double kStep = 1e-3;  // of λ
-  const double of_shape = tukey_lambda_variance(cut.lambda);
-  const double scale = std::sqrt(std::max(read_variance_dn2, 0.0) / of_shape);
-  const double by_lambda =
-      0.5 * (tukey_lambda_variance(cut.lambda + kStep) - of_shape) / (kStep * of_shape);
-  append_unknown(cut.lambda, scale, out);
+  const Value scale = scale_of_variance({cut.lambda, cut.lambda_stderr},
+                                        {read_variance_dn2, cut.variance_stderr_dn2});
+  append_unknown(cut.lambda, scale.mean, out);
   out.lambda.standard_error.back() = cut.lambda_stderr;
-  if (read_variance_dn2 > 0)
-    out.sigma_tl.standard_error.back() =
-        scale * std::hypot(0.5 * cut.variance_stderr_dn2 / read_variance_dn2,
-                           by_lambda * cut.lambda_stderr);
+  if (read_variance_dn2 > 0) out.sigma_tl.standard_error.back() = scale.error;
   append_frames({}, frames, out.lambda);
   append_frames({}, frames, out.sigma_tl);
 }
@@ -193,7 +205,48 @@ void measure_shape(const ShapeInput& in, int c, const std::string& name, Channel
   append_statistics(shapes.scale, shapes.scale_sampling, in.kept, out.sigma_tl);
 }
 
+// Fourth moment of the law over its squared second; infinite up to λ = -1/4. Above -0.05, where the
+// terms cancel, that of -0.05, which is larger.
+double kurtosis(double lambda) {
+  const double l = std::min(lambda, -0.05);
+  if (l <= -0.25) return std::numeric_limits<double>::infinity();
+  const auto beta = [](double a, double b) {
+    return std::exp(log_gamma(a) + log_gamma(b) - log_gamma(a + b));
+  };
+  const double fourth =
+      2.0 / (4 * l + 1) - 8.0 * beta(3 * l + 1, l + 1) + 6.0 * beta(2 * l + 1, 2 * l + 1);
+  return fourth / std::pow(l * l * tukey_lambda_variance(l), 2);
+}
+
 }  // namespace
+
+void keep_dark_variance(double quantization_dn, PhysicsCalibration& out) {
+  constexpr double kErrors = 5.0, kOfVariance = 0.02;
+  constexpr double kNarrow = 0.75;  // steps: what shows depends on its place in a code
+  if (!out.dark_zero_share.empty()) return;
+  const std::vector<double> read_dn = read_noise_dn(out);
+  for (std::size_t c = 0; c < read_dn.size(); ++c) {
+    const Value lambda{out.lambda.mean[c], out.lambda.standard_error[c]};
+    const double row = out.sigma_row.mean[c], dark = out.temporal_sd_dark_dn[c];
+    const double shown_dn2 = dark * dark - row * row - quantization_dn * quantization_dn / 12.0;
+    if (!(read_dn[c] > kNarrow * quantization_dn && shown_dn2 > 0 && std::isfinite(lambda.error)))
+      continue;
+    const std::vector<double>& counts = out.residual_counts[c];
+    const double samples =
+        std::accumulate(counts.begin(), counts.end(), 0.0) * (1.0 - 1.0 / out.bias_frames);
+    const double excess = read_dn[c] * read_dn[c] / shown_dn2 - 1.0;
+    const double chance = std::sqrt((kurtosis(lambda.mean) - 1.0) / samples);
+    if (!(excess > std::max(kOfVariance, kErrors * chance))) continue;
+    const Value scale = scale_of_variance(
+        lambda, {shown_dn2, 2.0 * std::hypot(dark * out.temporal_sd_dark_stderr_dn[c],
+                                             row * out.sigma_row.standard_error[c])});
+    const double less = scale.mean / out.sigma_tl.mean[c];
+    for (std::vector<double>& frame : out.sigma_tl.per_frame) frame[c] *= less;
+    out.sigma_tl.spread[c] *= less;
+    out.sigma_tl.mean[c] = scale.mean;
+    out.sigma_tl.standard_error[c] = scale.error;
+  }
+}
 
 void measure_shapes(const ShapeInput& in, const SensorLayout& layout, PhysicsCalibration& out) {
   ChannelTroubles troubles;

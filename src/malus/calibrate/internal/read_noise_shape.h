@@ -38,4 +38,13 @@ struct ShapeInput {
 /// noise that a law tells (CutOffNoise::by_law) the shape is the law's.
 void measure_shapes(const ShapeInput& in, const SensorLayout& layout, PhysicsCalibration& out);
 
+/// The law that is likeliest promises more variance than dark frames have where their noise is of
+/// no Tukey-lambda law, or pixels that jump pull at λ. If it is 2 % more, and more than so many
+/// values of the law lack by chance (five errors of a sample variance), σ_TL becomes that of the
+/// frames' variance. Frames that have more than the law may owe it to a few pixels that jump: the
+/// law stays as it is. So does that of noise below 0.75 steps, cut off, or of unknown shape. Reads
+/// lambda, sigma_row, residual_counts, bias_frames and temporal_sd_dark (without defects), changes
+/// sigma_tl.
+void keep_dark_variance(double quantization_dn, PhysicsCalibration& out);
+
 }  // namespace malus
