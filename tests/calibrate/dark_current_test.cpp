@@ -57,6 +57,10 @@ TEST(DarkCurrent, FlatsOfLittleLightForTheirExposureAreTold) {
   const auto warm = measured(steady_lamp(0.64, {.mean = 200, .deviation = 60}));
   EXPECT_GT(warm.prnu.at(0), 0.0055);
   EXPECT_THAT(warm.warnings, Contains(HasSubstr("have no dark frames of their exposure")));
+  // The more dark current, the more PRNU shows, of which 50 e-/s are next to nothing.
+  const auto hot = measured(steady_lamp(0.64, {.mean = 200, .deviation = 250}));
+  EXPECT_GT(hot.prnu.at(0), 0.015);
+  EXPECT_THAT(hot.warnings, Contains(HasSubstr("have no dark frames of their exposure")));
   const auto brief = measured(steady_lamp(0.05, {.mean = 200, .deviation = 60}));
   EXPECT_NEAR(brief.prnu.at(0), 0.005, 4 * brief.prnu_stderr.at(0));
   EXPECT_THAT(brief.warnings, Not(Contains(HasSubstr("dark current"))));

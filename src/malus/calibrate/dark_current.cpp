@@ -42,11 +42,12 @@ Spread fitted_spread(const std::vector<ResponseLevel>& levels) {
 // Whether it may well be: no more than a warm sensor has, of a PRNU that is one.
 bool may_be_dark_current(double longest_s, double s_per_dn, const Response& response,
                          const PhysicsCalibration& out) {
-  constexpr double kLong_s = 1.0, kBrief_s = 0.3, kWarm_e_per_s = 50, kLeastPrnu = 0.003;
+  constexpr double kLong_s = 1.0, kBrief_s = 0.3, kWarm_e_per_s = 50, kLeastPrnu = 0.003,
+                   kMostPrnu = 0.01;  // more may be dark current itself
   if (longest_s >= kLong_s) return true;
   if (longest_s < kBrief_s || out.K.mean.empty()) return false;
   const double warm = kWarm_e_per_s * mean_of(out.K.mean) * s_per_dn;
-  const double prnu = std::max(mean_of(response.prnu), kLeastPrnu);
+  const double prnu = std::clamp(mean_of(response.prnu), kLeastPrnu, kMostPrnu);
   return warm * warm > kOfSquare * prnu * prnu;
 }
 

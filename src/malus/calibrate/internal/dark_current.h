@@ -22,8 +22,8 @@ struct ResponseLevel {
 /// Takes from prnu, where the levels tell of it clearly, what dark current makes of it, and appends
 /// a warning; another one where they tell nothing, flats have no dark frames of their exposure, and
 /// dark current may be a part of PRNU: the exposure is a second or more, or 0.3 s and so long for
-/// its light that 50 e-/s make PRNU (or 0.3 %) 5 % too large; and ten times that of the bias
-/// frames. Reads K.
+/// its light that 50 e-/s make PRNU (0.3 % at least, 1 % at most) 5 % too large; and ten times that
+/// of the bias frames. Reads K.
 void take_dark_current(const std::vector<ResponseLevel>& levels, double bias_exposure_s,
                        Response& response, PhysicsCalibration& out);
 
