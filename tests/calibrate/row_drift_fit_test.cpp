@@ -5,6 +5,7 @@
 #include "malus/calibrate/calibrate.h"
 
 #include <cmath>
+#include <string>
 
 #include "simulated_session.h"
 #include <gtest/gtest.h>
@@ -177,6 +178,23 @@ TEST(RowDriftFit, FewFramesHoldTheDriftInTheirErrors) {
     }
     EXPECT_GE(row, kLeast) << frames;
     EXPECT_GE(mu, kLeast) << frames;
+  }
+}
+
+// A quarter of the rows may lie higher than the others by more than half of the temporal noise.
+TEST(RowDrift, IsNoLightLeak) {
+  for (std::uint64_t seed = 0; seed < 8; ++seed) {
+    testing::SimulatedCamera camera = testing::mono_camera(0.4, 0.14, 1.2, 1.5, seed);
+    camera.rows = 256;
+    camera.cols = 64;
+    camera.bias_frames = 2;
+    camera.flat_levels = 4;
+    camera.gains[0].noise.row_drift = {0.9, 20};
+    CalibrationInput input = testing::simulated_session(camera);
+    input.row_group = 1;
+    const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+    for (const std::string& said : model.physics[0].warnings)
+      EXPECT_EQ(said.find("light leak"), std::string::npos) << said;
   }
 }
 

@@ -3,6 +3,7 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/internal/channel_words.h"
+#include "malus/calibrate/internal/row_drift_fit.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -68,6 +69,16 @@ double level_of(const std::vector<double>& values, double most) {
   double sum = 0;
   for (const double v : values) sum += std::clamp(v - middle, -most, most);
   return middle + sum / static_cast<double>(values.size());
+}
+
+// Variance that rows give the mean over one of so many blocks of rows.
+double rows_in_block_dn2(int blocks, const MosaicGeometry& geometry,
+                         const PhysicsCalibration& out) {
+  if (out.sigma_row.mean.empty()) return 0.0;
+  const int groups = std::max(geometry.channel_groups(0) / blocks, 1);
+  const double sigma_dn = mean_of(out.sigma_row.mean);
+  return sigma_dn * sigma_dn / groups *
+         (1.0 + drift_of_means(out.row_drift.drift, groups, geometry.group_stride(0), 0));
 }
 
 }  // namespace
@@ -187,9 +198,11 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
       high = std::max(high, level);
     }
   // Four standard errors of a difference of block means, so that few frames do not cry wolf.
-  const double pixels = static_cast<double>(geometry.rows()) * geometry.cols() /
-                        (kBlocks * kBlocks) * std::max(out.bias_frames, 1);
-  const double chance = 4.0 * temporal_sd_dn * std::sqrt(2.0 / pixels);
+  const double pixels =
+      static_cast<double>(geometry.rows()) * geometry.cols() / (kBlocks * kBlocks);
+  const double of_one_dn2 =
+      temporal_sd_dn * temporal_sd_dn / pixels + rows_in_block_dn2(kBlocks, geometry, out);
+  const double chance = 4.0 * std::sqrt(2.0 * of_one_dn2 / std::max(out.bias_frames, 1));
   if (!(high - low > std::max(0.5 * temporal_sd_dn, chance))) return;
   const std::string of_noise = temporal_sd_dn > 0 ? fmt::format(", {:.2g} times the temporal noise",
                                                                 (high - low) / temporal_sd_dn)

@@ -36,7 +36,8 @@ void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& r
 void warn_of_high_level(const FrameFormat& format, PhysicsCalibration& out);
 
 /// Dark level whose means over the sixteenths of the frame differ by more than half of the temporal
-/// noise: light, or amplifier glow.
+/// noise, and by more than chance and rows explain: light, or amplifier glow. Reads sigma_row,
+/// row_drift and bias_frames.
 void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
                    double temporal_sd_dn, PhysicsCalibration& out);
 
