@@ -75,6 +75,24 @@ TEST(ExrKinds, AnyWindowCompressionAndTilesGiveThePixels) {
       }
 }
 
+TEST(ExrKinds, ChannelsComeInTheirUsualOrder) {
+  const testing::TemporaryFolder folder;
+  const std::vector<std::vector<std::string>> usual = {
+      {"R", "G", "B", "A", "Z"}, {"X", "Y", "Z"}, {"Y", "A"}, {"C00", "C01", "C02"}};
+  SaveOptions forced;
+  forced.force = true;
+  for (const std::vector<std::string>& names : usual) {
+    Planes planes(static_cast<int>(names.size()), 2, 3);
+    for (int k = 0; k < planes.channels(); ++k)
+      for (float& value : planes[k].values()) value = static_cast<float>(k);
+    save_picture(folder / "a.exr", planes, names, forced);
+    const Picture back = load_picture(folder / "a.exr");
+    EXPECT_EQ(back.names, names);
+    for (int k = 0; k < planes.channels(); ++k)
+      EXPECT_EQ(back.planes[k].values(), planes[k].values());
+  }
+}
+
 TEST(ExrKinds, WhatIsNoOnePictureOfFloatsIsRefused) {
   const testing::TemporaryFolder folder;
   const Imath::Box2i window(Imath::V2i(0, 0), Imath::V2i(kExrCols - 1, kExrRows - 1));

@@ -29,9 +29,10 @@ namespace fs = std::filesystem;
 // Its own threads would not live on in a forked process (a worker of a Python DataLoader).
 constexpr int kNoThreads = 0;
 
-// OpenEXR keeps channels by name.
+// OpenEXR keeps channels by name: colours come as R, G, B, A, vectors as X, Y, Z, brightness as Y,
+// A.
 bool comes_before(const std::string& a, const std::string& b) {
-  constexpr std::array<std::string_view, 5> kFirst = {"R", "G", "B", "Y", "A"};
+  constexpr std::array<std::string_view, 6> kFirst = {"R", "G", "B", "X", "Y", "A"};
   const auto rank = [&](const std::string& name) {
     const std::size_t dot = name.rfind('.');
     const std::string layer = dot == name.npos ? "" : name.substr(0, dot);

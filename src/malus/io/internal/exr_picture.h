@@ -14,8 +14,9 @@
 
 namespace malus::internal {
 
-/// The pixels of the data window. Channels come as R, G, B, A, others by their names. Throws
-/// InputError when damaged, of several parts, deep, or with channels of integers or fewer pixels.
+/// The pixels of the data window. Channels come as R, G, B, A, or X, Y, Z, others by their names.
+/// Throws InputError when damaged, of several parts, deep, or with channels of integers or fewer
+/// pixels.
 Decoded read_exr(const std::filesystem::path& path, std::uintmax_t file_bytes, bool pixels);
 
 /// Uncompressed, as encode_tiff says. path: for messages. Throws InputError where OpenEXR refuses;
