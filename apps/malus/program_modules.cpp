@@ -62,8 +62,8 @@ const ModuleOpener& module_opener() {
   return program;
 }
 
-// Called before any work is done, since this may start the program anew: the libraries of the
-// picture formats load a BLAS of their own.
+// Called before any work is done, since this may start the program anew: OpenMP has read its
+// settings by now.
 const NetworkFunctions& networks() {
   static const NetworkFunctions* const functions = open_for_program();
   return *functions;
