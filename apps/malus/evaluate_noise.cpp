@@ -23,19 +23,22 @@ namespace fs = std::filesystem;
 
 constexpr const char* kLeftOut = "left out";  // pixels that are no numbers
 
-// Pixels that are left out of a set's frames.
+// Pixels that are left out of a set's frames, each of which is loaded several times.
 struct LeftOut {
-  std::set<int> seen;  ///< frames, which are loaded several times
+  std::size_t all;  ///< frames
+  std::set<int> seen;
   std::vector<std::string> frames;
   std::int64_t pixels = 0;
 
-  void take(int k, const std::string& frame, std::int64_t odd) {
-    if (!seen.insert(k).second || odd == 0) return;
-    frames.push_back(frame);
-    pixels += odd;
+  void take(int k, const Image& dn, const std::string& frame) {
+    if (!seen.insert(k).second) return;
+    if (const std::int64_t odd = nonfinite_pixels(dn, frame); odd > 0) {
+      frames.push_back(frame);
+      pixels += odd;
+    }
+    if (seen.size() == all && !frames.empty()) say();
   }
   void say() const {
-    if (frames.empty()) return;
     const std::string others =
         frames.size() > 1 ? " and " + counted(std::ssize(frames) - 1, "more frame") : "";
     warn(fmt::format("{}{}: {} NaN or infinite; {}", frames.front(), others,
@@ -45,14 +48,11 @@ struct LeftOut {
 
 // They are said in one line, once every frame was loaded.
 NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& options) {
-  const auto left_out = std::make_shared<LeftOut>();
+  const auto left_out = std::make_shared<LeftOut>(LeftOut{paths.size(), {}, {}});
   return {static_cast<int>(paths.size()), [paths, options, left_out](int k) {
             const fs::path& path = paths[static_cast<std::size_t>(k)];
             Image dn = load_above_black(path, options).dn;
-            const std::size_t before = left_out->seen.size();
-            left_out->take(k, path.string(), nonfinite_pixels(dn, path.string()));
-            const std::size_t seen = left_out->seen.size();
-            if (seen > before && seen == paths.size()) left_out->say();
+            left_out->take(k, dn, path.string());
             return dn;
           }};
 }

@@ -1,5 +1,6 @@
 #include "malus/io/internal/jpeg_picture.h"
 
+#include "malus/io/internal/interleaved.h"
 #include "malus/io/internal/jpeg_check.h"
 #include "malus/io/internal/picture_faults.h"
 
@@ -42,9 +43,11 @@ Decoded read_jpeg(const std::filesystem::path& path, std::uintmax_t file_bytes) 
   decoded.cols = size.cols;
   decoded.channels = size.channels;
   decoded.planes = Planes(size.channels, size.rows, size.cols);
-  for (std::size_t k = 0; k < channels; ++k) {
-    auto& plane = decoded.planes[static_cast<int>(k)].values();
-    for (std::size_t i = 0; i < plane.size(); ++i) plane[i] = pixels[i * channels + k];
+  const std::size_t row_bytes = static_cast<std::size_t>(size.cols) * channels;
+  for (int r = 0; r < size.rows; ++r) {
+    const unsigned char* const row = pixels.data() + static_cast<std::size_t>(r) * row_bytes;
+    take_interleaved({r, 0, size.cols, 0, size.channels}, decoded.planes,
+                     [&](std::size_t i) { return row[i]; });
   }
   return decoded;
 }

@@ -31,11 +31,6 @@ void check_plausible(const fs::path& path, std::uintmax_t file_bytes, std::int64
                      "check that the file is whole");
 }
 
-void unfit_samples(const fs::path& path, const std::string& type) {
-  throw InputError(path.string(), fmt::format("samples of type {} are not read", type),
-                   "store 8 or 16 bit unsigned integers or floats");
-}
-
 void unwritable_picture(const fs::path& path, const std::string& detail) {
   throw InputError(path.string(), fmt::format("cannot be encoded: {}", detail),
                    "use another format");

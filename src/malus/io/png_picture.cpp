@@ -3,11 +3,11 @@
 #include "malus/base/error.h"
 #include "malus/io/internal/exif.h"
 #include "malus/io/internal/file_bytes.h"
+#include "malus/io/internal/interleaved.h"
 #include "malus/io/internal/picture_faults.h"
 #include "malus/io/internal/png_check.h"
 #include "malus/io/internal/png_message.h"
 
-#include <bit>
 #include <cstring>
 #include <string_view>
 #include <vector>
@@ -42,7 +42,6 @@ bool read_png_head(png_structp png, png_infop info, int* bits) {
   if (has_palette) png_set_palette_to_rgb(png);
   if (has_transparency) png_set_tRNS_to_alpha(png);
   png_set_packing(png);  // 1, 2 and 4 bits in a byte each, as they are
-  if (std::endian::native == std::endian::little) png_set_swap(png);
   png_set_interlace_handling(png);
   png_read_update_info(png, info);
   return true;
@@ -55,21 +54,6 @@ bool read_png_rows(png_structp png, png_infop info, png_bytepp rows) {
   return true;
 }
 
-template <class T>
-void take_rows(const std::vector<std::uint8_t>& bytes, std::size_t row_bytes, Planes& planes) {
-  const auto channels = static_cast<std::size_t>(planes.channels());
-  for (int r = 0; r < planes.rows(); ++r) {
-    const std::uint8_t* const row = bytes.data() + static_cast<std::size_t>(r) * row_bytes;
-    for (std::size_t k = 0; k < channels; ++k)
-      for (int c = 0; c < planes.cols(); ++c) {
-        T value;
-        std::memcpy(&value, row + (static_cast<std::size_t>(c) * channels + k) * sizeof(T),
-                    sizeof(T));
-        planes[static_cast<int>(k)](r, c) = value;
-      }
-  }
-}
-
 void read_png_pixels(const fs::path& path, PngReader& reader, Decoded& decoded) {
   const std::size_t row_bytes = png_get_rowbytes(reader.png, reader.info);
   std::vector<std::uint8_t> bytes(row_bytes * static_cast<std::size_t>(decoded.rows));
@@ -79,10 +63,15 @@ void read_png_pixels(const fs::path& path, PngReader& reader, Decoded& decoded) 
   if (!read_png_rows(reader.png, reader.info, rows.data()))
     unreadable_picture(path, reader.message.text);
   decoded.planes = Planes(decoded.channels, decoded.rows, decoded.cols);
-  if (decoded.sample == "uint16")
-    take_rows<std::uint16_t>(bytes, row_bytes, decoded.planes);
-  else
-    take_rows<std::uint8_t>(bytes, row_bytes, decoded.planes);
+  for (int r = 0; r < decoded.rows; ++r) {
+    const Bytes row = Bytes(bytes).subspan(static_cast<std::size_t>(r) * row_bytes, row_bytes);
+    const RowPart part{r, 0, decoded.cols, 0, decoded.channels};
+    if (decoded.bits == 16)
+      take_interleaved(part, decoded.planes,
+                       [&](std::size_t i) { return load_number<std::uint16_t>(row, 2 * i, true); });
+    else
+      take_interleaved(part, decoded.planes, [&](std::size_t i) { return row[i]; });
+  }
 }
 
 std::string description_in(png_structp png, png_infop info) {

@@ -1,11 +1,11 @@
 #include "malus/base/error.h"
+#include "malus/io/internal/file_bytes.h"
+#include "malus/io/internal/interleaved.h"
 #include "malus/io/internal/picture_faults.h"
 #include "malus/io/internal/png_message.h"
 #include "malus/io/internal/png_picture.h"
-#include "malus/io/internal/stored_value.h"
 
 #include <array>
-#include <bit>
 #include <cstdint>
 #include <vector>
 
@@ -35,7 +35,7 @@ bool write_png_head(png_structp png, png_infop info, const PngShape& shape, png_
                PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
   if (description != nullptr) png_set_text(png, info, description, 1);
   png_write_info(png, info);
-  if (shape.bits == 16 && std::endian::native == std::endian::little) png_set_swap(png);
+  if (shape.bits == 16 && !kBigEndianMachine) png_set_swap(png);
   return true;
 }
 

@@ -2,13 +2,14 @@
 
 #include "malus/base/error.h"
 #include "malus/io/internal/exif.h"
+#include "malus/io/internal/file_bytes.h"
+#include "malus/io/internal/interleaved.h"
 #include "malus/io/internal/picture_faults.h"
 #include "malus/io/internal/tiff_check.h"
 #include "malus/io/internal/tiff_inflate.h"
 #include "malus/io/internal/tiff_message.h"
 
 #include <algorithm>
-#include <cstring>
 #include <string_view>
 #include <vector>
 
@@ -66,12 +67,14 @@ std::string type_name(const TiffSamples& samples) {
 void check_samples(const fs::path& path, const TiffSamples& samples) {
   if (samples.depth > 1) unreadable_picture(path, "it is a volume");
   if (type_name(samples).empty())
-    unfit_samples(path, fmt::format("{}{}",
-                                    samples.is_integer()                    ? "uint"
-                                    : samples.format == SAMPLEFORMAT_INT    ? "int"
-                                    : samples.format == SAMPLEFORMAT_IEEEFP ? "float"
-                                                                            : "complex",
-                                    samples.bits));
+    throw InputError(path.string(),
+                     fmt::format("samples of type {}{} are not read",
+                                 samples.is_integer()                    ? "uint"
+                                 : samples.format == SAMPLEFORMAT_INT    ? "int"
+                                 : samples.format == SAMPLEFORMAT_IEEEFP ? "float"
+                                                                         : "complex",
+                                 samples.bits),
+                     "store 8 or 16 bit unsigned integers or floats");
 }
 
 // As OpenEXR and most programs call them; the others get numbers.
@@ -88,51 +91,33 @@ std::vector<std::string> channel_names_of(TIFF* tiff, const TiffSamples& samples
 }
 
 // Packed from the highest bit on; each row begins with a byte.
-std::uint32_t packed_value(const std::uint8_t* row, std::size_t index, unsigned bits) {
+std::uint32_t packed_value(Bytes row, std::size_t index, unsigned bits) {
   std::uint32_t value = 0;
   for (std::size_t at = index * bits; at < (index + 1) * bits; ++at)
     value = value << 1 | (row[at / 8] >> (7 - at % 8) & 1u);
   return value;
 }
 
+// In the machine's byte order, as libtiff hands it over.
 template <class T>
-T value_at(const std::uint8_t* row, std::size_t index) {
-  T value;
-  std::memcpy(&value, row + index * sizeof(T), sizeof(T));
-  return value;
+T whole_value(Bytes row, std::size_t index) {
+  return load_number<T>(row, index * sizeof(T), kBigEndianMachine);
 }
 
-// A part of one row as libtiff hands it over, in the machine's byte order.
-struct TiffRow {
-  const std::uint8_t* bytes;
-  int row, col0, cols;
-  int first, channels;  // those that it holds, side by side
-};
-
-template <class ValueAt>
-void deposit(const TiffRow& from, Planes& planes, ValueAt value_of) {
-  for (int k = 0; k < from.channels; ++k) {
-    float* const to = &planes[from.first + k](from.row, from.col0);
-    for (int c = 0; c < from.cols; ++c)
-      to[c] = static_cast<float>(value_of(static_cast<std::size_t>(c * from.channels + k)));
-  }
-}
-
-void deposit_row(const TiffSamples& samples, const TiffRow& row, Planes& planes) {
-  const std::uint8_t* const bytes = row.bytes;
+void take_tiff_row(const TiffSamples& samples, Bytes row, const RowPart& part, Planes& planes) {
+  const auto take = [&](const auto& sample) { take_interleaved(part, planes, sample); };
   if (samples.is_integer() && samples.bits == 8)
-    deposit(row, planes, [&](std::size_t i) { return bytes[i]; });
+    take([&](std::size_t i) { return row[i]; });
   else if (samples.is_integer() && samples.bits == 16)
-    deposit(row, planes, [&](std::size_t i) { return value_at<std::uint16_t>(bytes, i); });
+    take([&](std::size_t i) { return whole_value<std::uint16_t>(row, i); });
   else if (samples.is_integer())
-    deposit(row, planes, [&](std::size_t i) { return packed_value(bytes, i, samples.bits); });
+    take([&](std::size_t i) { return packed_value(row, i, samples.bits); });
   else if (samples.bits == 16)
-    deposit(row, planes,
-            [&](std::size_t i) { return imath_half_to_float(value_at<std::uint16_t>(bytes, i)); });
+    take([&](std::size_t i) { return imath_half_to_float(whole_value<std::uint16_t>(row, i)); });
   else if (samples.bits == 32)
-    deposit(row, planes, [&](std::size_t i) { return value_at<float>(bytes, i); });
+    take([&](std::size_t i) { return whole_value<float>(row, i); });
   else
-    deposit(row, planes, [&](std::size_t i) { return value_at<double>(bytes, i); });
+    take([&](std::size_t i) { return whole_value<double>(row, i); });
 }
 
 // One after the other, or all in one.
@@ -154,7 +139,7 @@ void read_strips(TIFF* tiff, const TiffSamples& samples, Planes& planes,
       if (TIFFReadScanline(tiff, bytes.data(), static_cast<std::uint32_t>(r),
                            static_cast<std::uint16_t>(sheet)) < 0)
         damaged_tiff(message.path(), message.text());
-      deposit_row(samples, {bytes.data(), r, 0, planes.cols(), sheet, sheets.channels}, planes);
+      take_tiff_row(samples, bytes, {r, 0, planes.cols(), sheet, sheets.channels}, planes);
     }
 }
 
@@ -177,10 +162,9 @@ void read_tiles(TIFF* tiff, const TiffSamples& samples, std::uintmax_t file_byte
           damaged_tiff(message.path(), message.text());
         const int cols = std::min(wide, planes.cols() - col0);
         for (int r = row0; r < std::min(row0 + high, planes.rows()); ++r)
-          deposit_row(samples,
-                      {bytes.data() + static_cast<std::size_t>(r - row0) * row_bytes, r, col0, cols,
-                       sheet, sheets.channels},
-                      planes);
+          take_tiff_row(samples,
+                        Bytes(bytes).subspan(static_cast<std::size_t>(r - row0) * row_bytes),
+                        {r, col0, cols, sheet, sheets.channels}, planes);
       }
 }
 

@@ -1,6 +1,6 @@
 #include "malus/base/error.h"
+#include "malus/io/internal/interleaved.h"
 #include "malus/io/internal/picture_faults.h"
-#include "malus/io/internal/stored_value.h"
 #include "malus/io/internal/tiff_message.h"
 #include "malus/io/internal/tiff_picture.h"
 

@@ -47,13 +47,15 @@ void check_picture_size(const std::filesystem::path& path, std::int64_t rows, st
 /// Throws InputError unless a file may hold this many frames: 1 to kMostStackFrames.
 void check_stack_size(const std::filesystem::path& path, std::int64_t frames);
 
+inline constexpr bool kBigEndianMachine = std::endian::native == std::endian::big;
+
 /// One stored number; contract: bytes holds sizeof(T) at offset.
 template <class T>
 T load_number(Bytes bytes, std::size_t offset, bool big_endian) {
   T value;
   std::uint8_t raw[sizeof(T)];
   std::memcpy(raw, bytes.data() + offset, sizeof(T));
-  if (big_endian != (std::endian::native == std::endian::big))
+  if (big_endian != kBigEndianMachine)
     for (std::size_t i = 0; i < sizeof(T) / 2; ++i) std::swap(raw[i], raw[sizeof(T) - 1 - i]);
   std::memcpy(&value, raw, sizeof(T));
   return value;

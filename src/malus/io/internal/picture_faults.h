@@ -1,4 +1,4 @@
-// What all picture decoders refuse, in the same words.
+// What all picture decoders and encoders refuse, in the same words.
 #pragma once
 
 #include <cstdint>
@@ -14,9 +14,6 @@ namespace malus::internal {
 /// this size can hold. bits: of one sample.
 void check_plausible(const std::filesystem::path& path, std::uintmax_t file_bytes,
                      std::int64_t rows, std::int64_t cols, std::int64_t channels, int bits);
-
-/// Throws InputError: samples of this type ("int16") are not read.
-[[noreturn]] void unfit_samples(const std::filesystem::path& path, const std::string& type);
 
 /// Throws InputError: the encoder's own message says why a picture cannot be written.
 [[noreturn]] void unwritable_picture(const std::filesystem::path& path, const std::string& detail);

@@ -21,32 +21,26 @@ struct PngMessage {
   static void pass_over(png_structp, png_const_charp) {}
 };
 
-inline void require_state(png_structp png, png_infop info) {
-  if (png == nullptr || info == nullptr) throw std::bad_alloc();
+template <auto kCreate, auto kDestroy>
+struct PngState {
+  PngMessage message;
+  png_structp png =
+      kCreate(PNG_LIBPNG_VER_STRING, &message, PngMessage::keep, PngMessage::pass_over);
+  png_infop info = png_create_info_struct(png);
+
+  PngState() {
+    if (png == nullptr || info == nullptr) throw std::bad_alloc();
+  }
+  PngState(const PngState&) = delete;
+  PngState& operator=(const PngState&) = delete;
+  ~PngState() { kDestroy(&png, &info); }
+};
+
+inline void destroy_png_reader(png_structpp png, png_infopp info) {
+  png_destroy_read_struct(png, info, nullptr);
 }
 
-struct PngReader {
-  PngMessage message;
-  png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &message, PngMessage::keep,
-                                           PngMessage::pass_over);
-  png_infop info = png_create_info_struct(png);
-
-  PngReader() { require_state(png, info); }
-  PngReader(const PngReader&) = delete;
-  PngReader& operator=(const PngReader&) = delete;
-  ~PngReader() { png_destroy_read_struct(&png, &info, nullptr); }
-};
-
-struct PngWriter {
-  PngMessage message;
-  png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &message, PngMessage::keep,
-                                            PngMessage::pass_over);
-  png_infop info = png_create_info_struct(png);
-
-  PngWriter() { require_state(png, info); }
-  PngWriter(const PngWriter&) = delete;
-  PngWriter& operator=(const PngWriter&) = delete;
-  ~PngWriter() { png_destroy_write_struct(&png, &info); }
-};
+using PngReader = PngState<png_create_read_struct, destroy_png_reader>;
+using PngWriter = PngState<png_create_write_struct, png_destroy_write_struct>;
 
 }  // namespace malus::internal
