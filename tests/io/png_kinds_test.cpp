@@ -104,6 +104,21 @@ TEST(PngKinds, GreyWithAlphaHasTwoChannels) {
   EXPECT_THAT(picture.planes[1].values(), ElementsAre(6, 8));
 }
 
+// One grey value that stands for nothing, which a chunk names.
+TEST(PngKinds, TransparentGreyHasAlpha) {
+  const testing::TemporaryFolder folder;
+  write_rows(folder / "a.png", 2, 8, PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE, {{5, 6}},
+             [](png_structp png, png_infop info) {
+               png_color_16 transparent{};
+               transparent.gray = 6;
+               png_set_tRNS(png, info, nullptr, 0, &transparent);
+             });
+  const Picture picture = load_picture(folder / "a.png");
+  ASSERT_EQ(picture.planes.channels(), 2);
+  EXPECT_THAT(picture.planes[0].values(), ElementsAre(5, 6));
+  EXPECT_THAT(picture.planes[1].values(), ElementsAre(255, 0));
+}
+
 // A TIFF structure: the camera in the first directory, 1/4 s in the one of Exif.
 TEST(PngKinds, ExifTellsCameraAndExposure) {
   const testing::TemporaryFolder folder;
