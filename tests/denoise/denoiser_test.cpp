@@ -284,15 +284,15 @@ TEST(DenoiseFrame, EveryMethodKeepsToItsMemoryOrRefuses) {
 // more.
 TEST(DenoiseFrame, TheMemoryThatARefusalNamesIsEnough) {
   const PhysicsNoise noise = camera_noise(SensorLayout::named("polar-mono"));
-  const RawFrame frame = noisy_frame(Image(1500, 1000, 100.0f), noise, 1);
+  const RawFrame frame = noisy_frame(Image(900, 600, 100.0f), noise, 1);
   DenoiseSettings settings{.profile = "fast"};
-  leave_memory(12, settings);  // the frame and its result alone take 12
+  leave_memory(4.5, settings);  // the frame and its result alone take 4.3
   try {
     denoise_frame(frame, profile_of(noise), settings);
     FAIL() << "takes what it is refused";
   } catch (const InputError& error) {
     const std::string words = error.what(), at_least = "give at least ";
-    EXPECT_NE(words.find("a frame of 1000 x 1500 pixels"), std::string::npos) << words;
+    EXPECT_NE(words.find("a frame of 600 x 900 pixels"), std::string::npos) << words;
     settings.memory_mib = std::stod(words.substr(words.find(at_least) + at_least.size()));
   }
   EXPECT_NO_THROW(denoise_frame(frame, profile_of(noise), settings));

@@ -1,5 +1,5 @@
 // A group of one goes the ways of any other: rendezvous, sum, broadcast. Several workers are tested
-// as processes (tests/system/test_training.py), their waiting as threads here.
+// as processes (tests/system/test_training_processes.py), their waiting as threads here.
 #include "malus/neural/workers.h"
 
 #include "malus/base/error.h"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from conftest import BUILD, PROGRAM, ROOT, needs_networks
-from test_training import tensors
+from training_files import tensors
 from weight_files import unet_package, unet_weights, write_safetensors
 
 MODEL = ["--model", "imx250myr-simulated", "--gain", "12"]

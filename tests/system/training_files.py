@@ -1,4 +1,7 @@
-"""What tests of `malus train` train on: a small configuration with a scene beside it, a clean mosaic."""
+"""What tests of `malus train` train on: a small configuration with a scene beside it, a clean mosaic; the files it writes."""
+
+import json
+import struct
 
 import numpy as np
 import pytest
@@ -58,3 +61,22 @@ def clean(tmp_path):
     rows, cols = np.mgrid[0:256, 0:192]
     np.save(tmp_path / "clean.npy", (1500 + 900 * np.sin(rows / 31) * np.cos(cols / 23)).astype(np.float32))
     return tmp_path / "clean.npy"
+
+
+def tensors(path):
+    """A safetensors file by its specification: {name: array}, metadata."""
+    data = path.read_bytes()
+    size = struct.unpack("<Q", data[:8])[0]
+    header = json.loads(data[8 : 8 + size])
+    metadata = header.pop("__metadata__")
+    body = data[8 + size :]
+    return {
+        name: np.frombuffer(body[slice(*entry["data_offsets"])], np.float32).reshape(entry["shape"])
+        for name, entry in header.items()
+    }, metadata
+
+
+def same(one, other):
+    a, b = tensors(one)[0], tensors(other)[0]
+    assert a.keys() == b.keys()
+    return all(np.array_equal(a[name], b[name]) for name in a)
