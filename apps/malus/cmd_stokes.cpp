@@ -42,7 +42,7 @@ struct StokesArguments {
   fs::path folder, model;
   std::string format = "exr";
   std::string method = "residual";  ///< of demosaicking
-  bool pictures = true, full = false, extrapolate_gain = false;
+  bool pictures = true, full = false, extrapolate_gain = false, fixed_pattern = true;
   bool confidence() const { return !model.empty() || !variance.empty(); }
   /// Names of what is written for every input.
   std::vector<std::string> products() const {
@@ -160,7 +160,8 @@ PixelErrors errors_of(const StokesArguments& arguments, const std::optional<Nois
                       std::size_t index, FrameAsLight& light) {
   if (!model) return {load_variance(arguments.variance[index], light.frame)};
   PixelErrors errors = naming_model(arguments.model, [&] {
-    return take_out_bias(light, *model, gain_range(arguments.extrapolate_gain));
+    return take_out_bias(light, *model, gain_range(arguments.extrapolate_gain),
+                         arguments.fixed_pattern);
   });
   warn_of_model(*model, light.frame.gain, arguments.model, false);
   return errors;
@@ -313,6 +314,11 @@ void add_stokes(CLI::App& app, Common& common) {
   command
       ->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
                  "allow a gain outside the calibrated range")
+      ->needs(model)
+      ->group(confidence);
+  command
+      ->add_flag("!--no-fixed-pattern", arguments->fixed_pattern,
+                 "of frames that were flat-fielded: PRNU and DSNU are no part of their errors")
       ->needs(model)
       ->group(confidence);
   command

@@ -80,9 +80,10 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
   return result;
 }
 
-NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range) {
+NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range,
+                         bool fixed_pattern) {
   try {
-    return denoising_profile(frame, model, frame.gain, range);
+    return (fixed_pattern ? raw_profile : denoising_profile)(frame, model, frame.gain, range);
   } catch (const InputError& error) {
     throw InputError(frame.source + ": " + error.subject(), error.problem(), error.remedy());
   }

@@ -51,9 +51,11 @@ FrameOptions options_in_layout(const FrameOptions& options, const SensorLayout& 
 FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& model,
                                const std::filesystem::path& input);
 
-/// The noise at the frame's gain (of a model of one gain, at that one). Throws InputError, which
+/// The noise at the frame's gain (of a model of one gain, at that one), with the fixed pattern's
+/// part of it (raw_profile, malus/denoise/frame_profile.h) or without. Throws InputError, which
 /// names the frame, where the model tells none there.
-NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range);
+NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range,
+                         bool fixed_pattern);
 
 /// work(), whose InputError then names the model's file: a model does not know its own.
 template <class Work>

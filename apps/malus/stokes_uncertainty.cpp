@@ -29,10 +29,11 @@ Image deviation_of(Image variance) {
 
 }  // namespace
 
-PixelErrors take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range) {
+PixelErrors take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range,
+                          bool fixed_pattern) {
   RawFrame& above_black = light.frame;
   require_layout_of_model(above_black, model.layout);
-  const NoiseProfile profile = profile_for(above_black, model, range);
+  const NoiseProfile profile = profile_for(above_black, model, range, fixed_pattern);
   return {pack(malus::take_out_bias(above_black, profile, light.saturated_dn), above_black.layout),
           shared_offsets(profile)};
 }

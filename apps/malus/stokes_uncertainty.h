@@ -31,8 +31,10 @@ struct PixelErrors {
 };
 
 /// take_out_bias (malus/noise/raw_variance.h) with the model's profile at the frame's gain, and the
-/// errors of its pixels. Throws InputError when the gain is not known or the layouts differ.
-PixelErrors take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range);
+/// errors of its pixels, those of the fixed pattern among them or not. Throws InputError when the
+/// gain is not known or the layouts differ.
+PixelErrors take_out_bias(FrameAsLight& light, const NoiseModel& model, GainRange range,
+                          bool fixed_pattern);
 
 /// Packed planes that malus denoise --uncertainty wrote of the frame, in the layout's order; NaN
 /// where the raw frame was saturated.

@@ -263,6 +263,7 @@ def stokes(
     model: Model | str | PathLike[str] | None = None,
     gain: float | None = None,
     extrapolate_gain: bool = False,
+    fixed_pattern: bool = True,
 ) -> dict[str, Floats]: ...
 def normals(
     dn_above_black: Frame | Arrays,

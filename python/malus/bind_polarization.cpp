@@ -197,7 +197,8 @@ RawLight raw_light_of(const py::object& given, const std::optional<std::string>&
 
 // Of raw pixels, whose noise a model tells: its bias is taken out.
 py::dict stokes_by_model(const py::object& given, const std::optional<std::string>& layout_name,
-                         const Model& model, const Gain& gain_given, bool extrapolate) {
+                         const Model& model, const Gain& gain_given, bool extrapolate,
+                         bool fixed_pattern) {
   require_raw(given, "give variance= with what denoise(variance=True) returned, or the raw frame");
   RawLight light = raw_light_of(given, layout_name, model.description());
   RawFrame& frame = light.frame;
@@ -209,8 +210,8 @@ py::dict stokes_by_model(const py::object& given, const std::optional<std::strin
   SaturatedCells saturated;
   {
     const py::gil_scoped_release release;
-    const NoiseProfile profile =
-        denoising_profile(frame, model.description(), gain, gain_range(extrapolate));
+    const NoiseProfile profile = (fixed_pattern ? raw_profile : denoising_profile)(
+        frame, model.description(), gain, gain_range(extrapolate));
     const Planes variance = pack(take_out_bias(frame, profile, light.saturated_dn), layout);
     saturated = saturated_cells(frame.dn, layout, variance);
     picture = stokes_picture(frame.dn, layout, std::nullopt);
@@ -229,7 +230,8 @@ py::dict stokes_by_model(const py::object& given, const std::optional<std::strin
 py::dict stokes(const py::object& dn_above_black, const std::optional<std::string>& layout_name,
                 const std::optional<std::string>& demosaick_name,
                 const std::optional<py::object>& variance, bool denoised,
-                const py::object& given_model, const Gain& gain, bool extrapolate_gain) {
+                const py::object& given_model, const Gain& gain, bool extrapolate_gain,
+                bool fixed_pattern) {
   const Method method = method_named(demosaick_name);
   const std::optional<Model> model = model_from(given_model);
   if (method && (variance || model))
@@ -238,7 +240,10 @@ py::dict stokes(const py::object& dn_above_black, const std::optional<std::strin
   if (variance && model)
     throw InputError("variance", "and model tell the same", "leave one of them out");
   require_model_for("extrapolate_gain", extrapolate_gain, model);
-  if (model) return stokes_by_model(dn_above_black, layout_name, *model, gain, extrapolate_gain);
+  require_model_for("fixed_pattern", !fixed_pattern, model);
+  if (model)
+    return stokes_by_model(dn_above_black, layout_name, *model, gain, extrapolate_gain,
+                           fixed_pattern);
   Light light = light_of(dn_above_black, layout_name);
   const auto view = light.view();
   warn_of_lost_light(view, light.source);
@@ -340,7 +345,7 @@ void bind_polarization(py::module_& m) {
       "stokes", &stokes, py::arg("dn_above_black"), py::arg("layout") = py::none(), py::kw_only(),
       py::arg("demosaick") = py::none(), py::arg("variance") = py::none(),
       py::arg("denoised") = true, py::arg("model") = py::none(), py::arg("gain") = py::none(),
-      py::arg("extrapolate_gain") = false,
+      py::arg("extrapolate_gain") = false, py::arg("fixed_pattern") = true,
       "Stokes parameters of a raw mosaic [row, column] in DN above black, or of a Frame: dict of "
       "s0, s1, s2 [DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column], at "
       "one "
@@ -351,7 +356,8 @@ void bind_polarization(py::module_& m) {
       "dolp_corrected. denoised=False: the mosaic is raw, its pixels' noise independent; what its "
       "rows and columns share is known with model alone.\n\n"
       "model: a Model, or the path or name of one, that tells the variance of raw pixels at gain "
-      "[dB or ISO] (that of the Frame if not given), adds the same, and takes its bias out first.");
+      "[dB or ISO] (that of the Frame if not given), adds the same, and takes its bias out first. "
+      "PRNU and DSNU are part of the errors; fixed_pattern=False: the frame was flat-fielded.");
   m.def("normals", &normals, py::arg("dn_above_black"), py::arg("layout") = py::none(),
         py::kw_only(), py::arg("mask") = py::none(), py::arg("demosaick") = py::none(),
         ("Surface normals from the polarization of a raw mosaic [row, column] in DN above black, "

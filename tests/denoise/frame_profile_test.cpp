@@ -2,6 +2,9 @@
 #include "malus/denoise/frame_profile.h"
 
 #include "malus/base/error.h"
+#include "malus/base/random.h"
+
+#include <cmath>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -92,6 +95,58 @@ TEST(FrameProfile, RefusesAPlaceInTheFramesNameAndAGainInTheModels) {
   } catch (const InputError& error) {
     EXPECT_NE(error.subject(), "frame.tif");
   }
+}
+
+constexpr int kSide = 256;
+constexpr double kPrnu = 0.02, kMapError = 0.01, kDsnuDn = 6;
+
+// PRNU and DSNU, and their maps with sampling error; the frame has `share` of the pattern.
+struct PatternedCamera {
+  NoiseModel model;
+  RawFrame frame;
+};
+
+PatternedCamera patterned_camera(double share) {
+  PatternedCamera camera{mapped_model(), frame_of_size(kSide, kSide)};
+  camera.model.defects.clear();
+  PhysicsCalibration& p = camera.model.physics.front();
+  p.dark_shading_dn = p.prnu_map = Image(kSide, kSide);
+  p.prnu.assign(4, kPrnu);
+  p.dsnu_dn.assign(4, kDsnuDn);
+  RandomSequence random(31, 0, Draw::kOther);
+  for (int r = 0; r < kSide; ++r)
+    for (int c = 0; c < kSide; ++c) {
+      const double response = kPrnu * random.normal(), dark = kDsnuDn * random.normal(),
+                   light = 400 + 300 * std::sin(0.05 * r) * std::cos(0.03 * c),
+                   own = light * (1 + share * response);
+      p.prnu_map(r, c) = static_cast<float>(1 + response + kMapError * random.normal());
+      p.dark_shading_dn(r, c) = static_cast<float>(dark);
+      camera.frame.dn(r, c) =
+          static_cast<float>(own + share * dark + std::sqrt(0.5 * own + 9) * random.normal());
+    }
+  return camera;
+}
+
+// What the first channel's variance at 1000 DN has beside that of frame to frame.
+double pattern_variance(const NoiseProfile& profile) {
+  const VarianceCurve& curve = profile.channels.front().variance;
+  return curve(1000) - curve.temporal()(1000);
+}
+
+TEST(FrameProfile, HasThePatternsNoiseUnlessTheFrameShowsNone) {
+  const double whole_dn2 = std::pow(1000 * kPrnu, 2) + kDsnuDn * kDsnuDn;
+  const auto [model, shown] = patterned_camera(1);
+  const RawFrame none = patterned_camera(0).frame, part = frame_of_size(128, 128);
+  EXPECT_NEAR(pattern_variance(raw_profile(shown, model, {})) / whole_dn2, 1, 0.05);
+  EXPECT_EQ(pattern_variance(raw_profile(none, model, {})), 0);                 // flat-fielded
+  EXPECT_DOUBLE_EQ(pattern_variance(raw_profile(part, model, {})), whole_dn2);  // of unknown place
+  // What is taken out leaves its sampling error: a fifth of the response's variance.
+  EXPECT_NEAR(pattern_variance(frame_profile(shown, model, {}).profile) / std::pow(1000 * kPrnu, 2),
+              0.2, 0.02);
+  EXPECT_EQ(pattern_variance(frame_profile(none, model, {}).profile), 0);
+  EXPECT_DOUBLE_EQ(pattern_variance(frame_profile(part, model, {}).profile), whole_dn2);
+  EXPECT_EQ(pattern_variance(frame_profile(part, model, {}, {.fixed_pattern = false}).profile), 0);
+  EXPECT_EQ(raw_profile(part, model, {}).pattern, nullptr);
 }
 
 }  // namespace

@@ -3,6 +3,7 @@
 
 #include "malus/base/random.h"
 #include "malus/noise/model.h"
+#include "malus/noise/profile.h"
 
 #include <cmath>
 
@@ -122,6 +123,32 @@ TEST(FixedPatternAt, ColumnsAreDrawnByTheErrorOfTheirMeans) {
       EXPECT_NEAR(product / square, noise_sd > 0 ? 0.5 : 0.92, 0.1);
       EXPECT_NEAR(pattern->dark_columns_kept, noise_sd > 0 ? 0.5 : 0.92, 0.1);
     }
+}
+
+TEST(PatternDeviationsAt, AreThoseOfTheNearestGainInTheFramesDn) {
+  NoiseModel model;
+  model.layout = SensorLayout::named("mono");
+  for (const double gain_db : {0.0, 12.0}) {
+    PhysicsCalibration p;
+    p.gain.gain_db = gain_db;
+    p.K.mean = {gain_db > 0 ? 2.0 : 0.5};
+    p.dsnu_dn = {gain_db > 0 ? 3.0 : 1.0};
+    model.physics.push_back(p);
+  }
+  model.physics[0].prnu = {0.01};
+  NoiseProfile profile;
+  profile.layout = model.layout;
+  profile.channels = {{.variance = VarianceCurve::affine(1, 4), .gain_dn_per_e = 1.0}};
+  const auto at = [&](double gain_db) {
+    return pattern_deviations_at(model, {gain_db, {}}, profile).at(0);
+  };
+  EXPECT_DOUBLE_EQ(at(5).dsnu_dn, 2);  // twice the DN per electron of 0 dB
+  EXPECT_DOUBLE_EQ(at(7).dsnu_dn, 1.5);
+  EXPECT_DOUBLE_EQ(at(7).prnu, 0.01);  // of the gain that has it
+  model.physics[0].prnu = {std::nan("")};
+  EXPECT_EQ(at(7).prnu, 0);
+  add_pattern_noise(profile, {{0.01, 3}});
+  EXPECT_DOUBLE_EQ(profile.channels[0].variance(200), 200 + 4 + 4 + 9);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #include "malus/noise/variance_curve.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include <gtest/gtest.h>
 
@@ -21,6 +22,22 @@ TEST(FittedLine, HasItsFloorOnlyWhereTheOffsetIsBelowZero) {
   EXPECT_DOUBLE_EQ(VarianceCurve::fitted_line(0.5, 0.5, 2)(0), 0.5);
   EXPECT_DOUBLE_EQ(VarianceCurve::fitted_line(0.5, -0.5, 2)(0), 2);
   EXPECT_DOUBLE_EQ(VarianceCurve::fitted_line(0, -0.5, 2)(0), 0);
+}
+
+TEST(WithPattern, AddsWhatPixelsDifferBy) {
+  for (const VarianceCurve& temporal :
+       {VarianceCurve::affine(0.5, 4), VarianceCurve::table({0, 100}, {4, 54}, 0.5)}) {
+    const VarianceCurve curve = temporal.with_pattern(0.01, 3);
+    EXPECT_FALSE(curve.is_affine());
+    for (const double signal : {-20.0, 0.0, 100.0, 3000.0}) {
+      const double pattern = std::pow(0.01 * std::max(signal, 0.0), 2) + 9;
+      EXPECT_DOUBLE_EQ(curve(signal), temporal(signal) + pattern);
+      EXPECT_DOUBLE_EQ(curve.scaled(0.3)(signal), 0.3 * curve(signal));
+      EXPECT_EQ(curve.temporal()(signal), temporal(signal));
+      EXPECT_EQ(temporal.with_pattern(0, 0)(signal), temporal(signal));
+    }
+  }
+  EXPECT_TRUE(VarianceCurve::affine(0.5, 4).with_pattern(0.01, 3).temporal().is_affine());
 }
 
 }  // namespace

@@ -66,6 +66,18 @@ def test_the_program_says_what_it_took_out(malus, camera, tmp_path):
     assert "of the model's PRNU taken out" in done.out
 
 
+def test_of_a_part_of_unknown_place_the_pattern_is_noise(malus, camera, tmp_path):
+    """2 % of 3000 electrons double the shot noise's variance, the dark pixels add a quarter more; taken for light they stayed in."""
+    part, (rows, cols) = tmp_path / "part.png", (slice(60, 188), slice(40, 168))
+    Image.open(camera / "raw.png").crop((40, 60, 168, 188)).save(part)
+    error = {}
+    for flags in ((), ("--no-fixed-pattern",)):
+        malus("denoise", part, "--model", camera / "m.h5", "--gain", 0, "--format", "npy", "--force", "-o", tmp_path, *flags)
+        dn = np.load(tmp_path / "part_denoised.npy").reshape(128, 128)
+        error[flags] = float(np.sqrt(np.mean((dn - K * scene()[rows, cols]) ** 2)))
+    assert error[()] < 0.7 * error[("--no-fixed-pattern",)]
+
+
 def test_a_part_of_the_sensor_has_its_part_of_the_maps(malus, camera, tmp_path):
     Image.open(camera / "raw.png").crop((40, 60, 168, 188)).save(tmp_path / "part.png")
     run = ("denoise", tmp_path / "part.png", "--model", camera / "m.h5", "--gain", 0, "--json", "--force", "-o", tmp_path / "out")

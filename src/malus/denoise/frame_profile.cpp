@@ -3,22 +3,73 @@
 #include "malus/denoise/column_noise.h"
 #include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/channel_levels.h"
+#include "malus/denoise/internal/pattern_removal.h"
 #include "malus/image/black_levels.h"
 #include "malus/noise/fixed_pattern.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
 
 namespace malus {
 namespace {
 
-// Clearly so: by three errors.
+// Less than half of what the model has, clearly so: by three errors.
+constexpr double kHalf = 0.5, kErrors = 3.0;
+
+// Above black and bias.
+struct FrameLight {
+  Image dn;
+  std::vector<float> saturated_dn;
+};
+
+FrameLight light_of(const RawFrame& frame, const NoiseProfile& profile) {
+  internal::ChannelLevels levels = internal::channel_levels(frame, profile);
+  FrameLight light{frame.dn, std::move(levels.saturated_dn)};
+  for (int r = 0; r < light.dn.rows(); ++r)
+    for (int c = 0; c < light.dn.cols(); ++c)
+      light.dn(r, c) -= levels.zero_dn[static_cast<std::size_t>(frame.layout.channel_at(r, c))];
+  return light;
+}
+
 bool shows_less_than_half(const RawFrame& frame, const NoiseProfile& profile) {
-  constexpr double kHalf = 0.5, kErrors = 3.0;
-  const internal::ChannelLevels levels = internal::channel_levels(frame, profile);
-  Image above_dn = frame.dn;
-  for (int r = 0; r < above_dn.rows(); ++r)
-    for (int c = 0; c < above_dn.cols(); ++c)
-      above_dn(r, c) -= levels.zero_dn[static_cast<std::size_t>(frame.layout.channel_at(r, c))];
-  const auto shown = shown_column_variance(above_dn, profile, levels.saturated_dn);
+  const FrameLight light = light_of(frame, profile);
+  const auto shown = shown_column_variance(light.dn, profile, light.saturated_dn);
   return shown && shown->value + kErrors * shown->error < kHalf * kHalf;
+}
+
+// What is left of a pattern, of its deviation. Where the frame does not tell, it is there.
+double left_of(const PatternShare& share, bool has_map, bool is_taken_out) {
+  if (!has_map) return 1;
+  if (share.present())
+    return share.taken() * (is_taken_out ? std::sqrt(std::max(1 - share.kept, 0.0)) : 1);
+  const bool told = share.stderr_value > 0;
+  return told && share.value + kErrors * share.stderr_value < kHalf ? 0 : 1;
+}
+
+bool any_pattern(const std::vector<PatternDeviation>& deviations) {
+  return std::ranges::any_of(deviations,
+                             [](const PatternDeviation& d) { return d.prnu > 0 || d.dsnu_dn > 0; });
+}
+
+// is_taken_out: whether denoising will take out what the frame shows of the profile's maps.
+void count_pattern(NoiseProfile& profile, const RawFrame& frame,
+                   std::vector<PatternDeviation> deviations, bool is_taken_out) {
+  const auto fits = [&](Image FixedPattern::*map) {
+    return profile.pattern && (*profile.pattern.*map).rows() == frame.dn.rows() &&
+           (*profile.pattern.*map).cols() == frame.dn.cols();
+  };
+  const bool dark = fits(&FixedPattern::dark_dn), response = fits(&FixedPattern::response);
+  MeasuredPattern shares;
+  if (dark || response) {
+    const FrameLight light = light_of(frame, profile);
+    shares = measure_pattern(light.dn, frame.layout, profile, light.saturated_dn);
+  }
+  for (PatternDeviation& d : deviations) {
+    d.prnu *= left_of(shares.response.pixels, response, is_taken_out);
+    d.dsnu_dn *= left_of(shares.dark.pixels, dark, is_taken_out);
+  }
+  add_pattern_noise(profile, deviations);
 }
 
 }  // namespace
@@ -34,12 +85,26 @@ NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
   return with_shown_dark(model.profile_at(gain, range), model, gain);
 }
 
+NoiseProfile raw_profile(const RawFrame& frame, const NoiseModel& model, const GainSetting& gain,
+                         GainRange range) {
+  NoiseProfile profile = denoising_profile(frame, model, gain, range);
+  const auto deviations = pattern_deviations_at(model, gain, profile);
+  if (!any_pattern(deviations) || !(frame.layout == profile.layout)) return profile;
+  profile.pattern = fixed_pattern_at(model, gain);
+  count_pattern(profile, frame, deviations, false);
+  profile.pattern = nullptr;
+  return profile;
+}
+
 FrameProfile frame_profile(const RawFrame& frame, const NoiseModel& model, const GainSetting& gain,
                            const DenoiseSettings& settings, std::optional<SensorPlace> place,
                            GainRange range) {
   FrameProfile of_frame{denoising_profile(frame, model, gain, range), {}};
   if (settings.fixed_pattern) of_frame.profile.pattern = fixed_pattern_at(model, gain);
   of_frame.left_out = fit_to_sensor(of_frame.profile, frame, place, settings.defects);
+  const auto deviations = pattern_deviations_at(model, gain, of_frame.profile);
+  if (settings.fixed_pattern && any_pattern(deviations) && frame.layout == of_frame.profile.layout)
+    count_pattern(of_frame.profile, frame, deviations, true);
   return of_frame;
 }
 

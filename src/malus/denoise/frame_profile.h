@@ -23,14 +23,22 @@ struct FrameProfile {
 };
 
 /// denoising_profile, with the fixed pattern and the defects that the settings ask for, cut to the
-/// frame. gain: frame.gain, unless the caller knows better. place: of the frame's first pixel on
-/// the calibrated sensor; none: maps and defects serve a frame of the sensor's whole size only.
-/// Throws InputError as denoising_profile, whose subject is the model's or the gain's, and as
-/// cut_to_window, whose subject is frame.source.
+/// frame, and with what the pattern leaves in the frame as noise (pattern_deviations_at): all of it
+/// where no maps fit the frame, nothing where it shows clearly less than half of them, their
+/// sampling error where they will be taken out. Nothing without settings.fixed_pattern. gain:
+/// frame.gain, unless the caller knows better. place: of the frame's first pixel on the calibrated
+/// sensor; none: maps and defects serve a frame of the sensor's whole size only. Throws InputError
+/// as denoising_profile, whose subject is the model's or the gain's, and as cut_to_window, whose
+/// subject is frame.source.
 FrameProfile frame_profile(const RawFrame& frame, const NoiseModel& model, const GainSetting& gain,
                            const DenoiseSettings& settings = {},
                            std::optional<SensorPlace> place = std::nullopt,
                            GainRange range = GainRange::kCalibratedOnly);
+
+/// denoising_profile of a raw frame that stays as it is, with the fixed pattern as noise of its
+/// pixels: unless maps fit the frame and it shows clearly less than half of them.
+NoiseProfile raw_profile(const RawFrame& frame, const NoiseModel& model, const GainSetting& gain,
+                         GainRange range = GainRange::kCalibratedOnly);
 
 /// The model's profile without what it knows of single pixels' places: with column noise apart,
 /// unless the frame shows clearly less than half of its deviation. Such a frame is of another state

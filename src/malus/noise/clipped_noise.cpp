@@ -101,7 +101,8 @@ VarianceCurve clipped_variance(const VarianceCurve& variance, LowestCode floor, 
 }
 
 ChannelProfile channel_before_clipping(const ChannelProfile& channel, LowestCode floor) {
-  const double dark_dn2 = channel.variance(0);
+  const VarianceCurve shown = channel.variance.temporal();
+  const double dark_dn2 = shown(0);
   const MeanAndVariance before = moments_before_clipping({channel.bias_dn, dark_dn2}, floor);
   if (!(before.variance_dn2 > dark_dn2)) return channel;
   ChannelProfile restored = channel;
@@ -109,7 +110,8 @@ ChannelProfile channel_before_clipping(const ChannelProfile& channel, LowestCode
   constexpr double kFarAway = 1e4;  // dark deviations: as far the dark counts no more
   const double far_dn = kFarAway * std::sqrt(dark_dn2);
   restored.variance =
-      VarianceCurve::affine((channel.variance(far_dn) - dark_dn2) / far_dn, before.variance_dn2);
+      VarianceCurve::affine((shown(far_dn) - dark_dn2) / far_dn, before.variance_dn2)
+          .with_pattern(channel.variance.prnu(), channel.variance.dsnu_dn());
   restored.law.reset();
   return restored;
 }

@@ -4,6 +4,7 @@
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 #include "malus/noise/model.h"
+#include "malus/noise/profile.h"
 
 #include <algorithm>
 #include <cmath>
@@ -140,11 +141,13 @@ Parts parts_of(Image map, const SensorLayout& layout, double middle,
   return parts;
 }
 
+// Field: a map, or a list of one value per channel.
+template <class Field>
 const PhysicsCalibration* nearest_with(const NoiseModel& model, const GainSetting& gain,
-                                       Image PhysicsCalibration::*map) {
+                                       Field PhysicsCalibration::*field) {
   const PhysicsCalibration* nearest = nullptr;
   for (const PhysicsCalibration& p : model.physics)
-    if (!(p.*map).empty() &&
+    if (!(p.*field).empty() &&
         (!nearest || distance_db(p.gain, gain) < distance_db(nearest->gain, gain)))
       nearest = &p;
   return nearest;
@@ -196,6 +199,33 @@ std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
     pattern.response_columns_kept = parts.columns_kept;
   }
   return std::make_shared<const FixedPattern>(std::move(pattern));
+}
+
+std::vector<PatternDeviation> pattern_deviations_at(const NoiseModel& model,
+                                                    const GainSetting& gain,
+                                                    const NoiseProfile& profile) {
+  const auto *dark = nearest_with(model, gain, &PhysicsCalibration::dsnu_dn),
+             *response = nearest_with(model, gain, &PhysicsCalibration::prnu);
+  const auto known = [](double value) { return std::isfinite(value) ? std::max(value, 0.0) : 0.0; };
+  std::vector<PatternDeviation> deviations(profile.channels.size());
+  for (std::size_t c = 0; c < deviations.size(); ++c) {
+    if (response) deviations[c].prnu = known(response->prnu[c]);
+    if (!dark) continue;
+    const double K = dark->K.mean.empty() ? 0 : dark->K.mean[c],
+                 K_here = profile.channels[c].gain_dn_per_e;
+    deviations[c].dsnu_dn = known(dark->dsnu_dn[c]) * (K > 0 && K_here > 0 ? K_here / K : 1);
+  }
+  return deviations;
+}
+
+void add_pattern_noise(NoiseProfile& profile, const std::vector<PatternDeviation>& deviations) {
+  MALUS_REQUIRE(deviations.size() == profile.channels.size());
+  for (std::size_t c = 0; c < deviations.size(); ++c) {
+    const auto [prnu, dsnu_dn] = deviations[c];
+    ChannelProfile& channel = profile.channels[c];
+    channel.variance = channel.variance.with_pattern(prnu, dsnu_dn);
+    if (channel.law) channel.law = channel.law->with_pattern(prnu, dsnu_dn);
+  }
 }
 
 double map_values(const NoiseModel& model) {

@@ -5,10 +5,12 @@
 #include "malus/image/view.h"
 
 #include <memory>
+#include <vector>
 
 namespace malus {
 
 struct NoiseModel;
+struct NoiseProfile;
 
 /// Maps of the whole sensor at one gain; either may be empty. Where the columns of a map differ by
 /// more than chance has it of their pixels, what they have in common is kept apart, since many
@@ -30,6 +32,23 @@ struct FixedPattern {
 /// that of a mean over their pixels. Contract: no contradiction_in(model).
 std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
                                                      const GainSetting& gain);
+
+/// By how much the pixels of a channel differ: their response, relative, and their dark signal.
+struct PatternDeviation {
+  double prnu = 0, dsnu_dn = 0;
+};
+
+/// Of every channel, each of the measured gain nearest to `gain` that has it, the dark signal's in
+/// proportion to K, which the profile tells of `gain`; 0 where the model holds none. Contract: no
+/// contradiction_in(model), a profile of its layout.
+std::vector<PatternDeviation> pattern_deviations_at(const NoiseModel& model,
+                                                    const GainSetting& gain,
+                                                    const NoiseProfile& profile);
+
+/// In a single frame such differences are noise like any other, but the same in every frame: the
+/// channels' variances and laws with them. The profile stays as it is, to the bit, where they are
+/// 0. Contract: one per channel, of which the profile has none yet.
+void add_pattern_noise(NoiseProfile& profile, const std::vector<PatternDeviation>& deviations);
 
 /// Values in the maps of all gains; and what forgets the maps, where no frame will need them.
 double map_values(const NoiseModel& model);

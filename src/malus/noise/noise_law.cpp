@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/normal_distribution.h"
+#include "malus/base/normal_nodes.h"
 #include "malus/noise/distribution.h"
 #include "malus/noise/level_noise.h"
 #include "malus/noise/tukey_lambda.h"
@@ -75,11 +76,34 @@ void NoiseLaw::set_read_nodes(Nodes nodes, double deviation_dn) {
   nodes_ = {merged(std::move(nodes), kNodesApart * deviation_dn)};
 }
 
+// In a single frame the dark signal's differences are read noise.
+NoiseLaw NoiseLaw::with_pattern(double prnu, double dsnu_dn) const {
+  NoiseLaw law = *this;
+  law.prnu_ = prnu;
+  if (!(dsnu_dn > 0)) return law;
+  for (Nodes& nodes : law.nodes_) {
+    Nodes sums;
+    double variance_dn2 = dsnu_dn * dsnu_dn;
+    for (const Node& node : nodes) {
+      variance_dn2 += node.weight * node.x_dn * node.x_dn;
+      for (const Node& dark : normal_nodes(dsnu_dn))
+        sums.push_back({node.x_dn + dark.x_dn, node.weight * dark.weight});
+    }
+    const double deviation_dn = std::sqrt(variance_dn2);
+    nodes = merged(std::move(sums), kNodesApart * deviation_dn);
+    law.far_dn_ = kFarDeviations * deviation_dn;
+  }
+  if (level_dn_.empty())
+    law.set_read_nodes(Nodes(law.nodes_.front()), law.far_dn_ / kFarDeviations);
+  return law;
+}
+
 NoiseLaw NoiseLaw::gaussian(const VarianceCurve& variance) {
   NoiseLaw law;
-  if (variance.is_affine()) {
-    law.shot_dn_per_e_ = std::max(variance.slope_dn(), 0.0);
-    const double deviation = std::sqrt(std::max(variance.offset_dn2(), 0.0));
+  if (const VarianceCurve temporal = variance.temporal(); temporal.is_affine()) {
+    law.shot_dn_per_e_ = std::max(temporal.slope_dn(), 0.0);
+    law.prnu_ = variance.prnu();
+    const double deviation = std::sqrt(std::max(variance(0), 0.0));
     law.set_read_nodes(normal_nodes(deviation), deviation);
   } else {
     law.deviation_ = variance;
@@ -196,6 +220,20 @@ double NoiseLaw::read_tail(double distance_dn) const {
 
 std::vector<double> NoiseLaw::expectations(const std::function<double(double)>& f,
                                            const std::vector<double>& signals_dn) const {
+  if (!(prnu_ > 0)) return temporal_expectations(f, signals_dn);
+  std::vector<double> of_pixels;
+  for (const double s : signals_dn)
+    for (const NormalNode& node : kNormalNodes)
+      of_pixels.push_back(s + node.at * prnu_ * std::max(s, 0.0));
+  const std::vector<double> expected = temporal_expectations(f, of_pixels);
+  std::vector<double> result(signals_dn.size(), 0.0);
+  for (std::size_t i = 0; i < expected.size(); ++i)
+    result[i / kNormalNodes.size()] += kNormalNodes[i % kNormalNodes.size()].weight * expected[i];
+  return result;
+}
+
+std::vector<double> NoiseLaw::temporal_expectations(const std::function<double(double)>& f,
+                                                    const std::vector<double>& signals_dn) const {
   std::vector<double> result, of_count;  // of_count[n]: E f(K n + read noise)
   const double K = shot_dn_per_e_;
   for (const double s : signals_dn) {

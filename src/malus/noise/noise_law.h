@@ -32,6 +32,9 @@ class NoiseLaw {
   /// multiples of step_dn above it (0: not rounded), whose variance step_dn^2 / 12 the given one
   /// holds. Contract: more than that.
   static NoiseLaw clipped(const VarianceCurve& variance, double floor_dn, double step_dn);
+  /// The law, which has none of it yet, of pixels that differ in response and dark signal besides
+  /// (VarianceCurve::with_pattern), by normal deviates. gaussian has its curve's.
+  NoiseLaw with_pattern(double prnu, double dsnu_dn) const;
   bool is_clipped() const { return floor_dn_ > -std::numeric_limits<double>::infinity(); }
   /// How far a clean signal lies above the code that noise is cut off at, in deviations of the dark
   /// noise; infinite where nothing is.
@@ -57,6 +60,8 @@ class NoiseLaw {
   static Nodes normal_nodes(double deviation);
   static Nodes merged(Nodes nodes, double apart_dn);
   void set_read_nodes(Nodes nodes, double deviation_dn);
+  std::vector<double> temporal_expectations(const std::function<double(double)>& f,
+                                            const std::vector<double>& signals_dn) const;
   double mean_at(const std::function<double(double)>& f, double signal_dn) const;
   double mean_over_codes(const std::function<double(double)>& f, double signal_dn,
                          double deviation_dn) const;
@@ -71,6 +76,7 @@ class NoiseLaw {
   std::optional<VarianceCurve> deviation_;  ///< squared, for nodes of a normal deviate
   double floor_dn_ = -std::numeric_limits<double>::infinity(), step_dn_ = 0;  ///< of the codes
   double dark_deviation_dn_ = 0;  ///< of a clipped law, before it is rounded
+  double prnu_ = 0;               ///< pixels' responses differ by this
 };
 
 }  // namespace malus

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace malus {
 
@@ -38,7 +39,14 @@ VarianceCurve VarianceCurve::table(std::vector<double> signal_dn, std::vector<do
 }
 
 double VarianceCurve::operator()(double signal_dn) const {
-  if (is_affine()) return slope_dn_ * std::max(signal_dn, 0.0) + offset_dn2_;
+  const double temporal = temporal_dn2(signal_dn);
+  if (!has_pattern()) return temporal;
+  const double response_dn = prnu_ * std::max(signal_dn, 0.0);
+  return temporal + response_dn * response_dn + dsnu_dn_ * dsnu_dn_;
+}
+
+double VarianceCurve::temporal_dn2(double signal_dn) const {
+  if (signal_dn_.empty()) return slope_dn_ * std::max(signal_dn, 0.0) + offset_dn2_;
   const auto above = std::upper_bound(signal_dn_.begin(), signal_dn_.end(), signal_dn);
   if (above == signal_dn_.begin()) return variance_dn2_.front();
   if (above == signal_dn_.end())
@@ -54,6 +62,14 @@ VarianceCurve VarianceCurve::scaled(double factor) const {
   curve.slope_dn_ *= factor;
   curve.offset_dn2_ *= factor;
   for (double& variance : curve.variance_dn2_) variance *= factor;
+  return curve.with_pattern(std::sqrt(factor) * prnu_, std::sqrt(factor) * dsnu_dn_);
+}
+
+VarianceCurve VarianceCurve::with_pattern(double prnu, double dsnu_dn) const {
+  MALUS_REQUIRE(prnu >= 0 && dsnu_dn >= 0);
+  VarianceCurve curve = *this;
+  curve.prnu_ = prnu;
+  curve.dsnu_dn_ = dsnu_dn;
   return curve;
 }
 

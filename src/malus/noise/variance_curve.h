@@ -25,13 +25,24 @@ class VarianceCurve {
   double operator()(double signal_dn) const;
   /// The curve with every variance multiplied by factor > 0.
   VarianceCurve scaled(double factor) const;
-  bool is_affine() const { return signal_dn_.empty(); }
+  /// With what pixels differ by in a single frame, in place of what the curve has of it: their
+  /// response by prnu of the signal, their dark signal by dsnu_dn. Contract: both >= 0.
+  VarianceCurve with_pattern(double prnu, double dsnu_dn) const;
+  /// Without it: from frame to frame.
+  VarianceCurve temporal() const { return with_pattern(0, 0); }
+  double prnu() const { return prnu_; }
+  double dsnu_dn() const { return dsnu_dn_; }
+  bool has_pattern() const { return prnu_ > 0 || dsnu_dn_ > 0; }
+  bool is_affine() const { return signal_dn_.empty() && !has_pattern(); }
   double slope_dn() const { return slope_dn_; }      ///< contract: is_affine()
   double offset_dn2() const { return offset_dn2_; }  ///< contract: is_affine()
 
  private:
+  double temporal_dn2(double signal_dn) const;
+
   double slope_dn_ = 0, offset_dn2_ = 0;  ///< slope_dn_: of a table, above its last knot
   std::vector<double> signal_dn_, variance_dn2_;
+  double prnu_ = 0, dsnu_dn_ = 0;
 };
 
 /// Mean over the channels' curves. Contract: there is one.
