@@ -141,6 +141,9 @@ std::vector<StokesUncertainty> uncertainty_from(const py::object& given,
                      fmt::format("{} x {}, the mosaic {} x {}", view.cols(), view.rows(),
                                  mosaic.cols(), mosaic.rows()),
                      "give what denoise(variance=True) returned beside the mosaic");
+  for (int row = 0; row < view.rows(); ++row)
+    if (std::ranges::any_of(view.row_span(row), [](float v) { return v < 0; }))
+      throw InputError("variance", "is negative", "give squares of deviations, NaN where unknown");
   const py::gil_scoped_release release;
   const Planes packed = pack(view, light.layout);
   light.saturated = saturated_cells(mosaic, light.layout, packed);
@@ -239,6 +242,7 @@ py::dict stokes(const py::object& dn_above_black, const std::optional<std::strin
                      model ? "leave it or model out" : "leave it or variance out");
   if (variance && model)
     throw InputError("variance", "and model tell the same", "leave one of them out");
+  require_model_for("gain", gain.has_value(), model);
   require_model_for("extrapolate_gain", extrapolate_gain, model);
   require_model_for("fixed_pattern", !fixed_pattern, model);
   if (model)

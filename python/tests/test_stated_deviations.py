@@ -115,3 +115,14 @@ def test_a_flat_fielded_frame_has_none_of_them(patterned_camera):
     frame = malus.Frame(patterned(np.random.default_rng(16), 3000, 1, 0), "polar-mono", black=BLACK, white=WHITE)
     seen = malus.stokes(frame, model=model, gain=0)
     assert np.array_equal(seen["s0_sd"], malus.stokes(frame, model=model, gain=0, fixed_pattern=False)["s0_sd"])
+
+
+def test_what_means_nothing_is_refused(patterned_camera):
+    light = np.full((8, 8), 100, np.float32)
+    variance = np.full((8, 8), 4, np.float32)
+    for arguments, text in (({"gain": 0}, "gain: is of a model, and none is given"), ({"fixed_pattern": False}, "fixed_pattern: is of a model"),
+                            ({"variance": np.where(np.arange(8) == 3, -variance, variance)}, "variance: is negative")):
+        with pytest.raises(ValueError, match=text):
+            malus.stokes(light, "polar-mono", **arguments)
+    unknown = np.where(np.arange(8) == 3, np.nan, variance)
+    assert np.isnan(malus.stokes(light, "polar-mono", variance=unknown)["s0_sd"]).sum() == 4
