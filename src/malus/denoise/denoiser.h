@@ -58,7 +58,8 @@ struct DenoiseSettings {
     field(self.fixed_pattern,
           ParameterInfo{"fixed_pattern", "",
                         "take out what the frame shows of the model's dark shading and PRNU maps, "
-                        "in frames of the sensor's whole size or of known place on it"});
+                        "in frames of the sensor's whole size or of known place on it, and count "
+                        "what is left of PRNU and DSNU as noise"});
     field(self.like_pixels,
           ParameterInfo{"like_pixels", "",
                         "average pixels once more where the result says that they are alike, as "
