@@ -1,10 +1,13 @@
 // Maps of the flats that are all noise, or made of known parts.
 #include "malus/base/random.h"
+#include "malus/base/statistics.h"
 #include "malus/calibrate/internal/gain_map.h"
+#include "malus/calibrate/internal/response.h"
 #include "malus/calibrate/internal/response_checks.h"
 
 #include <cmath>
 #include <utility>
+#include <vector>
 
 #include "simulated_session.h"
 #include <gtest/gtest.h>
@@ -70,6 +73,52 @@ TEST(ResponsePattern, OfNoiseAloneIsNotTold) {
     for (const std::string& line : out.warnings) told += line.find("repeat") != std::string::npos;
   }
   EXPECT_EQ(told, 0);
+}
+
+// PRNU in a light of this place, from -1 to 1 down and across.
+template <class Light>
+double prnu_in(const char* layout, int rows, int cols, double prnu, const Light& light) {
+  const MosaicGeometry geometry(SensorLayout::named(layout), rows, cols, 1);
+  const auto channels = static_cast<std::size_t>(geometry.channels());
+  constexpr double kShot = 0.005;
+  TemporalAccumulator flat(geometry, std::vector<double>(channels, 0.0),
+                           FrameAlignment::kMultiplicative);
+  const Image response = testing::white_noise(rows, cols, 11, 0, prnu);
+  for (std::uint32_t frame = 1; frame <= 4; ++frame) {
+    Image dn = testing::white_noise(rows, cols, 11, frame, kShot);
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) {
+        const double own = light(2.0 * r / (rows - 1) - 1, 2.0 * c / (cols - 1) - 1);
+        dn(r, c) =
+            static_cast<float>(1000 * (own * (1 + response(r, c)) + std::sqrt(own) * dn(r, c)));
+      }
+    flat.add(dn);
+  }
+  ResponseAccumulator sum(geometry);
+  const Image dark(rows, cols);
+  sum.add(flat, {.shading_dn = dark,
+                 .error_dn2 = std::vector<double>(channels, 0.0),
+                 .doubt_dn2 = std::vector<double>(channels, 0.0)});
+  return mean_of(sum.response({std::vector<double>(channels, 0.0), {}}).prnu);
+}
+
+// Light that is no polynomial of low degree was PRNU: of 1 % it made 1.51, 1.50, 2.4 and 2.3 %.
+// Even light loses nothing to more terms. Four standard errors of 4096 pixels, or of 1024.
+TEST(LightPolynomial, TakesLightOfAnyShapeAndNoResponse) {
+  constexpr double kPi = 3.14159265358979;
+  const auto cosine = [](double y, double) { return 1 - 0.3 * (1 - std::cos(kPi * y)); };
+  const auto spot = [](double y, double x) { return 0.5 + 0.5 * std::exp(-4 * (x * x + y * y)); };
+  const auto even = [](double, double) { return 1.0; };
+  for (const double prnu : {0.01, 0.03}) {
+    const double off = 4 * prnu / std::sqrt(2.0 * 4096);
+    EXPECT_NEAR(prnu_in("mono", 16, 256, prnu, cosine), prnu, off);
+    EXPECT_NEAR(prnu_in("mono", 8, 512, prnu, cosine), prnu, off);
+    EXPECT_NEAR(prnu_in("mono", 16, 256, prnu, spot), prnu, off);
+    EXPECT_NEAR(prnu_in("mono", 64, 64, prnu, spot), prnu, off);
+    EXPECT_NEAR(prnu_in("mono", 64, 64, prnu, even), prnu, off);
+    EXPECT_NEAR(prnu_in("polar-bayer-rggb", 64, 64, prnu, even), prnu, off);
+    EXPECT_NEAR(prnu_in("polar-bayer-rggb", 32, 32, prnu, even), prnu, 2 * off);
+  }
 }
 
 }  // namespace

@@ -17,6 +17,25 @@
 namespace malus {
 namespace {
 
+// The median of each square of a channel, of 8 by 8 of them at most and 8 lines at least.
+void light_of_squares(const Image& sum, const MosaicGeometry& geometry, int channel, Image& light) {
+  static constexpr int kMost = 8, kFewestLines = 8;
+  const auto squares = [](int lines) { return std::clamp(lines / kFewestLines, 1, kMost); };
+  const int rows = geometry.channel_rows(channel), cols = geometry.channel_cols(channel);
+  const auto square = [=](int r, int c) {
+    return as_index(r * squares(rows) / rows * squares(cols) + c * squares(cols) / cols);
+  };
+  std::vector<std::vector<double>> values(as_index(squares(rows) * squares(cols)));
+  for_channel(geometry, channel, [&](int r, int c, int row, int col) {
+    values[square(r, c)].push_back(sum(row, col));
+  });
+  std::vector<double> medians;
+  for (std::vector<double>& of_square : values) medians.push_back(median_of(std::move(of_square)));
+  for_channel(geometry, channel, [&](int r, int c, int row, int col) {
+    light(row, col) = static_cast<float>(medians[square(r, c)]);
+  });
+}
+
 // Pixels that a first map shows to be none of the ordinary ones. A defect would be a good part of
 // its neighbours' window, at the border a third of it, and most of a channel's variance: such
 // pixels are no part of the next map's windows, nor of the variance.
@@ -29,8 +48,19 @@ class Outstanding {
     return usual_.deviation > 0 &&
            std::abs(before_(row, col) - usual_.centre) > kDefectDeviations * usual_.deviation;
   }
+  // Before there is a map: those that see less than a third of the light of their square, or far
+  // more. A polynomial would follow rows and clusters of them at the border. light: the squares'
+  // medians.
+  void find_dark(const Image& sum, const MosaicGeometry& geometry, int channel, Image& light) {
+    constexpr double kFarOff = 2.0 / 3.0;
+    light_of_squares(sum, geometry, channel, light);
+    if (before_.empty()) before_ = Image(sum.rows(), sum.cols());
+    for_channel(geometry, channel, [&](int, int, int row, int col) {
+      before_(row, col) = light(row, col) > 0 ? sum(row, col) / light(row, col) : 1.0F;
+    });
+    usual_ = {1.0, kFarOff / kDefectDeviations};
+  }
   void find(const Image& map, const MosaicGeometry& geometry, int channel) {
-    if (before_.empty()) before_ = Image(map.rows(), map.cols());
     for_channel(geometry, channel,
                 [&](int, int, int row, int col) { before_(row, col) = map(row, col); });
     usual_ = location_of(geometry, channel, [&](int r, int c) { return map(r, c); });
@@ -44,14 +74,15 @@ class Outstanding {
 
 // Writes one channel's response relative to the light, and the light, of which the polynomial is
 // taken out first and then what is left in the window around each pixel. light: that of the round
-// before, or 0.
-void relate(const Image& sum, const MosaicGeometry& geometry, int channel,
-            const Outstanding& outstanding, Image& map, Image& light) {
+// before.
+LightPolynomial relate(const Image& sum, const MosaicGeometry& geometry, int channel,
+                       LightDegree degree, const Outstanding& outstanding, Image& map,
+                       Image& light) {
   constexpr double kLeastLight = 0.01;  // of the channel's mean: a polynomial may cross zero
   const auto left_out = [&](int row, int col) { return outstanding.holds(row, col); };
   double mean = 0;
-  fit_light(
-      geometry, channel,
+  LightPolynomial polynomial = fit_light(
+      geometry, channel, degree,
       [&](int row, int col) {
         const float value = left_out(row, col) ? light(row, col) : sum(row, col);
         mean += double{value} / static_cast<double>(geometry.channel_pixels(channel));
@@ -65,10 +96,30 @@ void relate(const Image& sum, const MosaicGeometry& geometry, int channel,
   });
   WindowMean window(map, geometry, channel, left_out);
   for_channel(geometry, channel, [&](int r, int c, int row, int col) {
-    const auto around = static_cast<float>(window.around(r, c).mean());
+    // 1 of a window without pixels, beside a dead corner: the polynomial is all that is known.
+    const WindowMean::Sum near = window.around(r, c);
+    const auto around = near.pixels > 0 ? static_cast<float>(near.mean()) : 1.0F;
     light(row, col) = around > 0 ? light(row, col) * around : 0.0F;
     map(row, col) = around > 0 ? map(row, col) / around : 1.0F;
   });
+  return polynomial;
+}
+
+// Two rounds find the defects: neighbours of one stand out of the first map themselves. Only then
+// terms of a high degree are asked for, and a round more where there are such, without which
+// pixels may have stood out that do not.
+LightPolynomial relate_in_rounds(const Image& sum, const MosaicGeometry& geometry, int channel,
+                                 Outstanding& outstanding, Image& map, Image& light) {
+  constexpr int kRounds = 4, kLowRounds = 2;
+  LightPolynomial polynomial;
+  outstanding.find_dark(sum, geometry, channel, light);
+  for (int round = 0; round < kRounds; ++round) {
+    if (round > 0) outstanding.find(map, geometry, channel);
+    const LightDegree degree = round < kLowRounds ? LightDegree::kLow : LightDegree::kHigh;
+    polynomial = relate(sum, geometry, channel, degree, outstanding, map, light);
+    if (degree == LightDegree::kHigh && !polynomial.has_high()) break;
+  }
+  return polynomial;
 }
 
 // Of disjoint pairs of next pixels in a row, which have the same light; defects left out.
@@ -187,33 +238,30 @@ double ResponseAccumulator::row_noise_left_over(int channel, const Image& light,
 }
 
 // Sampling variance is taken off pixel by pixel: it is larger relative to dim light than to that of
-// the channel's mean, and a noisy pixel that is left out takes its own along. Two rounds find the
-// defects: neighbours of one stand out of the first map themselves.
+// the channel's mean, and a noisy pixel that is left out takes its own along.
 Response ResponseAccumulator::response(const FrameRowNoise& rows) const {
   MALUS_REQUIRE(channels_without().empty());
-  constexpr int kRounds = 2;
   Response out;
   out.map = Image(geometry_.rows(), geometry_.cols(), 1.0F);
   Image light(geometry_.rows(), geometry_.cols());
   for (int channel = 0; channel < geometry_.channels(); ++channel) {
     const auto i = as_index(channel);
     Outstanding outstanding(left_out_);
-    relate(sum_, geometry_, channel, outstanding, out.map, light);
-    for (int round = 0; round < kRounds; ++round) {
-      outstanding.find(out.map, geometry_, channel);
-      relate(sum_, geometry_, channel, outstanding, out.map, light);
-    }
+    const LightPolynomial polynomial =
+        relate_in_rounds(sum_, geometry_, channel, outstanding, out.map, light);
+    const KeptByLight kept_by_light = kept_by(polynomial, geometry_, channel);
     double dark = 0, doubt = 0;
     for (const auto& [set, shared] : darks_) {
       dark += shared.error_dn2[i] * shared.scale[i] * shared.scale[i];
       doubt += shared.doubt_dn2[i] * shared.scale[i] * shared.scale[i];
     }
     const int largest = largest_radius(geometry_, channel);
-    LineResponse of_rows(geometry_.channel_rows(channel), largest),
-        of_cols(geometry_.channel_cols(channel), largest);
+    LineResponse of_rows(geometry_.channel_rows(channel), largest, kept_by_light.of_rows),
+        of_cols(geometry_.channel_cols(channel), largest, kept_by_light.of_cols);
     Moments square, of_map, doubts;
     for_channel(geometry_, channel, [&](int r, int c, int row, int col) {
-      const double own = light(row, col), kept = kept_variance(r, c, geometry_, channel);
+      const double own = light(row, col),
+                   kept = kept_by_light.of_pixels * kept_variance(r, c, geometry_, channel);
       if (!(own > 0 && kept > 0) || outstanding.holds(row, col)) return;
       const double difference = out.map(row, col) - 1.0;
       square.add(difference * difference / kept - (error_(row, col) + dark) / (own * own));

@@ -3,11 +3,13 @@
 
 #include "malus/base/index.h"
 #include "malus/calibrate/geometry.h"
+#include "malus/calibrate/internal/light_polynomial.h"
 #include "malus/image/view.h"
 #include "malus/noise/row_drift.h"
 
 #include <algorithm>
 #include <cstdlib>
+#include <numeric>
 #include <vector>
 
 namespace malus {
@@ -62,6 +64,61 @@ inline double kept_of_row_noise(int at, const MosaicGeometry& geometry, int chan
   }
   const double rows = 2.0 * radius + 1.0;
   return 1.0 - 2.0 * own / rows + all / (rows * rows);
+}
+
+// Of what a window's mean leaves, the share that the light's polynomial before it leaves of white
+// noise, and of what whole lines have in common.
+struct KeptByLight {
+  double of_pixels = 1, of_rows = 1, of_cols = 1;
+};
+
+// Along one direction: products of polynomials with their windows' means, and of these with
+// themselves.
+struct PolynomialMeans {
+  std::vector<double> with_means, of_means;
+};
+inline PolynomialMeans means_in_windows(const std::vector<std::vector<double>>& polynomials,
+                                        int largest) {
+  PolynomialMeans out;
+  for (const std::vector<double>& polynomial : polynomials) {
+    const int length = static_cast<int>(polynomial.size());
+    double with_means = 0, of_means = 0;
+    for (int i = 0; i < length; ++i) {
+      const int radius = window_radius(i, length, largest);
+      const double mean = std::accumulate(polynomial.begin() + (i - radius),
+                                          polynomial.begin() + (i + radius + 1), 0.0) /
+                          window_width(i, length, largest);
+      with_means += polynomial[as_index(i)] * mean;
+      of_means += mean * mean;
+    }
+    out.with_means.push_back(with_means);
+    out.of_means.push_back(of_means);
+  }
+  return out;
+}
+
+// A term's square less its mean in the windows is what it takes: |t|² - 2 t Wt + |Wt|².
+inline KeptByLight kept_by(const LightPolynomial& light, const MosaicGeometry& geometry,
+                           int channel) {
+  const int rows = geometry.channel_rows(channel), cols = geometry.channel_cols(channel),
+            largest = largest_radius(geometry, channel);
+  const PolynomialMeans down = means_in_windows(light.down, largest),
+                        right = means_in_windows(light.right, largest);
+  double pixels = 0, of_rows = 0, of_cols = 0, left_rows = 0, left_cols = 0, left = 0;
+  for (int r = 0; r < rows; ++r) left_rows += kept_of_line(r, rows, largest);
+  for (int c = 0; c < cols; ++c) left_cols += kept_of_line(c, cols, largest);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) left += kept_variance(r, c, geometry, channel);
+  for (std::size_t i = 0; i < light.down.size(); ++i)
+    for (std::size_t j = 0; j < light.right.size(); ++j) {
+      if (light.term(i, j) == 0) continue;
+      pixels +=
+          1 - 2 * down.with_means[i] * right.with_means[j] + down.of_means[i] * right.of_means[j];
+      if (j == 0) of_rows += 1 - 2 * down.with_means[i] + down.of_means[i];
+      if (i == 0) of_cols += 1 - 2 * right.with_means[j] + right.of_means[j];
+    }
+  const auto share = [](double taken, double all) { return all > taken ? 1.0 - taken / all : 1.0; };
+  return {share(pixels, left), share(of_rows, left_rows), share(of_cols, left_cols)};
 }
 
 // Means over rectangular windows of one channel by sums over rectangles. Pixels that are left out
