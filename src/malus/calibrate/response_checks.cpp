@@ -41,6 +41,9 @@ struct Classes {
   std::array<double, kClasses> mean{};
   std::array<double, kClasses> pixels{};
   double variance = 0;  ///< of the map, about 1
+  /// Of the means of rows, and of columns, about those of their classes, without what pixels make
+  /// of it; and how many there are.
+  double row_variance = 0, col_variance = 0, rows = 1, cols = 1;
 
   static std::size_t at(int r, int c) { return as_index(r % kPeriod * kPeriod + c % kPeriod); }
   // Between the classes of a smaller period; what chance makes is taken off.
@@ -56,24 +59,49 @@ struct Classes {
           }
         if (count > 0) sum += std::pow(total / count - 1.0, 2) - variance / count;
       }
-    return sum / (period * period);
+    return sum / (period * period) - of_rows(period) - of_cols(period);
   }
-  // Variance of that where nothing repeats: means of white noise.
+  // Variance of that where nothing repeats: means of white noise, and of few rows and columns, two
+  // or more of which may be read out together.
   double error2_between(int period) const {
     double all = 0;
     for (const double count : pixels) all += count;
     const double classes = period * period, of_mean = all > 0 ? variance * classes / all : 0.0;
-    return of_mean * of_mean * 2.0 / classes;
+    return 2.0 * (of_mean * of_mean / classes + of_rows(period) * of_rows(period) +
+                  of_cols(period) * of_cols(period));
   }
+  double of_rows(int period) const { return row_variance * period / rows; }
+  double of_cols(int period) const { return col_variance * period / cols; }
 };
+
+// Sets what whole rows and columns of the map have in common.
+void note_lines(const Image& map, const MosaicGeometry& geometry, int channel, double bound,
+                double centre, Classes& out) {
+  LineMeans rows(geometry.channel_rows(channel)), cols(geometry.channel_cols(channel));
+  for_channel(geometry, channel, [&](int r, int c, int row, int col) {
+    if (std::abs(map(row, col) - centre) > bound) return;
+    const double rest = map(row, col) - out.mean[Classes::at(r, c)];
+    rows.add(r, rest);
+    cols.add(c, rest);
+  });
+  // The classes' own means take a part of few lines' variance.
+  const auto variance = [&](const LineMeans& lines) {
+    return lines.variance(out.variance) * lines.lines() / std::max(lines.lines() - kPeriod, 1);
+  };
+  out.rows = rows.lines();
+  out.cols = cols.lines();
+  out.row_variance = variance(rows);
+  out.col_variance = variance(cols);
+}
 
 Classes classes_of(const Image& map, const MosaicGeometry& geometry, int channel) {
   Classes out;
   Moments square;
   const PixelLocation usual =
       location_of(geometry, channel, [&](int row, int col) { return map(row, col); });
+  const double bound = kDefectDeviations * usual.deviation;
   for_channel(geometry, channel, [&](int r, int c, int row, int col) {
-    if (std::abs(map(row, col) - usual.centre) > kDefectDeviations * usual.deviation) return;
+    if (std::abs(map(row, col) - usual.centre) > bound) return;
     out.mean[Classes::at(r, c)] += map(row, col);
     out.pixels[Classes::at(r, c)] += 1;
     square.add(std::pow(double{map(row, col)} - 1.0, 2));
@@ -81,6 +109,7 @@ Classes classes_of(const Image& map, const MosaicGeometry& geometry, int channel
   for (std::size_t i = 0; i < kClasses; ++i)
     if (out.pixels[i] > 0) out.mean[i] /= out.pixels[i];
   out.variance = square.mean();
+  note_lines(map, geometry, channel, bound, usual.centre, out);
   return out;
 }
 
