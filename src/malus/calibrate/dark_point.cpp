@@ -84,7 +84,10 @@ DarkPoint dark_point(int channel, const MosaicGeometry& geometry, double varianc
   const int groups = geometry.channel_groups(channel);
   point.row_groups = groups / (1.0 + drift_of_variances(bias.row_drift.drift, groups,
                                                         geometry.group_stride(channel), 0));
-  const double pixel = std::max(point.variance_dn2 - point.row_variance_dn2, 0.0);
+  point.column_variance_dn2 = std::pow(bias.sigma_column.mean[as_index(channel)], 2);
+  point.columns = geometry.channel_cols(channel);
+  const double pixel =
+      std::max(point.variance_dn2 - point.row_variance_dn2 - point.column_variance_dn2, 0.0);
   point.fourth_cumulant_dn4 = dark_excess_kurtosis(channel, bias) * pixel * pixel;
   point.variance_stderr_dn2 = std::sqrt(variance_error_dn4(0.0, bias.bias_frames, point, 0.0));
   return point;

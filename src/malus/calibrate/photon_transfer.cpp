@@ -248,14 +248,16 @@ double bend_of(const std::vector<TransferLevel>& levels, const Points& points,
 
 double variance_error_dn4(double shot_dn2, int frames, const DarkPoint& dark,
                           double gain_dn_per_e) {
-  const double row = std::max(dark.row_variance_dn2, 0.0);
-  const double pixel = std::max(dark.variance_dn2 + shot_dn2 - row, 0.0);
+  const double row = std::max(dark.row_variance_dn2, 0.0),
+               column = std::max(dark.column_variance_dn2, 0.0);
+  const double pixel = std::max(dark.variance_dn2 + shot_dn2 - row - column, 0.0);
   // Of a Poisson variable, in DN⁴, and of the dark noise: cumulants of independent parts add.
   const double fourth_cumulant =
       gain_dn_per_e * gain_dn_per_e * std::max(shot_dn2, 0.0) + dark.fourth_cumulant_dn4;
   const auto pixels = static_cast<double>(dark.pixels);
-  const double gaussian = pixel * pixel / pixels + 2.0 * row * pixel / pixels +
-                          row * row / std::max(dark.row_groups, 1.0);
+  const double gaussian =
+      (pixel * pixel + 2.0 * (row * pixel + column * pixel + row * column)) / pixels +
+      row * row / std::max(dark.row_groups, 1.0) + column * column / std::max(dark.columns, 1.0);
   return 2.0 / (frames - 1.0) * gaussian + fourth_cumulant / (frames * pixels);
 }
 

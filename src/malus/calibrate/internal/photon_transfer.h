@@ -57,13 +57,16 @@ struct DarkPoint {
   std::int64_t pixels = 0;         ///< of the channel
   /// Draws of row noise in a frame: row groups, fewer where they drift (Σ ρ² of them count as one).
   double row_groups = 0;
+  double column_variance_dn2 = 0;  ///< σ_col² inside variance_dn2
+  double columns = 0;              ///< draws of it in a frame
   /// The camera's black level cuts the dark noise off, so that its variance and its mean are not
   /// those of no light: the line does not go through the dark point.
   bool cut_off = false;
 };
 
 /// Squared standard error of the temporal variance of `frames` (two or more), averaged over the
-/// channel's pixels: 2/(M-1) [(σ⁴ + 2 σ² σ_b²) / P + σ_b⁴ / G] + (K² shot + κ) / (M P).
+/// channel's pixels: 2/(M-1) [(σ⁴ + 2 σ² (σ_b² + σ_col²) + 2 σ_b² σ_col²) / P + σ_b⁴ / G +
+/// σ_col⁴ / C] + (K² shot + κ) / (M P).
 /// shot_dn2: of σ² the shot noise, of light and of dark current beyond the bias frames'.
 double variance_error_dn4(double shot_dn2, int frames, const DarkPoint& dark, double gain_dn_per_e);
 
