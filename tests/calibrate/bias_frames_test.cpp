@@ -4,6 +4,7 @@
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/internal/bias_checks.h"
 #include "malus/calibrate/internal/channel_words.h"
+#include "malus/calibrate/internal/coarse_steps.h"
 #include "malus/noise/physics.h"
 #include "malus/noise/tukey_lambda.h"
 

@@ -5,6 +5,7 @@
 #include "malus/calibrate/internal/across_frames.h"
 #include "malus/calibrate/internal/bias_checks.h"
 #include "malus/calibrate/internal/bias_frames.h"
+#include "malus/calibrate/internal/coarse_steps.h"
 #include "malus/calibrate/internal/dark_corrections.h"
 #include "malus/calibrate/internal/equal_values.h"
 #include "malus/calibrate/internal/fixed_pattern.h"
@@ -186,11 +187,11 @@ void add_black(const FrameFormat& format, Image& dn) {
 }
 
 void warn_of_dark_frames(const BiasFrames& frames, const DarkPass& dark, const FrameFormat& format,
-                         PhysicsCalibration& out) {
+                         int columns, PhysicsCalibration& out) {
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);
   warn_of_outlying_frames(frames.mean, temporal_sd, out);
-  warn_of_outlying_noise(frames.residuals, dark.hidden, out);
+  warn_of_outlying_noise(frames.residuals, dark.hidden, columns, out);
   warn_of_high_level(format, out);
   warn_of_clipping(dark.zero_share, dark.floor_dn, format.layout, out);
   if (dark.hidden.empty() ||
@@ -288,7 +289,7 @@ void measure_bias(const GainRun& run, DarkPass& dark, PhysicsCalibration& out) {
                   dark.cut_off, quantization_dn, kept, run.settings().shape == "ppcc"},
                  format.layout, out);
   if (remove_pattern) warn_of_few_frames(out);
-  warn_of_dark_frames(frames, dark, format, out);
+  warn_of_dark_frames(frames, dark, format, geometry.cols(), out);
   if (!several) return;
   measure_dsnu(ordinary, temporal_of(ordinary, count), geometry, out);
   subtract_levels(pattern, ordinary.mean_dn, geometry);

@@ -4,32 +4,16 @@
 #include "malus/base/text.h"
 #include "malus/calibrate/internal/channel_words.h"
 #include "malus/calibrate/internal/row_drift_fit.h"
-#include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <numeric>
 
 #include <fmt/format.h>
 
 namespace malus {
 namespace {
-
-// Characteristic function of Tukey-lambda noise at one cycle per step: the mean of a cosine over
-// its quantiles. Of noise with half its values beyond two steps it is of no consequence, and where
-// quantiles lie steps apart their cosines are of chance.
-double of_tukey_lambda(double lambda, double scale_steps) {
-  constexpr int kQuantiles = 4000;
-  constexpr double kWideSteps = 2;
-  if (scale_steps * tukey_lambda_quantile(0.75, lambda) > kWideSteps) return 0;
-  double sum = 0;
-  for (int i = 0; i < kQuantiles; ++i)
-    sum += std::cos(2.0 * std::numbers::pi * scale_steps *
-                    tukey_lambda_quantile((i + 0.5) / kQuantiles, lambda));
-  return std::abs(sum) / kQuantiles;
-}
 
 constexpr std::size_t kFewestFrames = 8;  // to judge their levels by
 
@@ -61,6 +45,17 @@ FrameNoise noise_of(const std::vector<ResidualHistogram>& channels,
   if (!(count > 0)) return {};
   const double mean = sum / count;
   return {mean, std::sqrt(std::max(squares / count - mean * mean, 0.0) / count)};
+}
+
+// Standard error that the offsets of a frame's columns, of which there are few, give the size of
+// its residuals: half of their variance's over that of both.
+double relative_error_of_columns(int columns, const PhysicsCalibration& out) {
+  double column = 0, all = 0;
+  for (std::size_t c = 0; c < out.sigma_column.mean.size(); ++c) {
+    column += std::pow(out.sigma_column.mean[c], 2);
+    all += std::pow(out.temporal_sd_dark_dn[c], 2) - std::pow(out.sigma_row.mean[c], 2);
+  }
+  return all > 0 ? 0.5 * std::min(column / all, 1.0) * std::sqrt(2.0 / std::max(columns, 1)) : 0.0;
 }
 
 // The mean, to which no pixel adds more than `most` beyond the middle one: hot ones are no light.
@@ -120,7 +115,8 @@ void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_
 }
 
 void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& residuals,
-                            const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out) {
+                            const std::vector<HiddenNoise>& hidden, int columns,
+                            PhysicsCalibration& out) {
   constexpr double kOfNoise = 0.15, kStandardErrors = 8.0;
   if (residuals.size() < 3) return;  // two are mirror images, about their mean
   std::vector<FrameNoise> noise;
@@ -131,11 +127,13 @@ void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& r
   const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>((sorted.size() - 1) / 2);
   std::nth_element(sorted.begin(), middle, sorted.end(), lower);
   if (!(middle->size_dn > 0)) return;
+  const double of_columns = relative_error_of_columns(columns, out);
   std::vector<std::string> outlying;
   double farthest = 1.0;
   for (std::size_t i = 0; i < noise.size(); ++i) {
     const double ratio = noise[i].size_dn / middle->size_dn;
-    const double error = std::max(noise[i].error_dn, middle->error_dn) / middle->size_dn;
+    const double error =
+        std::hypot(std::max(noise[i].error_dn, middle->error_dn) / middle->size_dn, of_columns);
     if (!(std::abs(ratio - 1.0) > std::max(kOfNoise, kStandardErrors * error))) continue;
     outlying.push_back(fmt::format("{}", i + 1));
     if (std::abs(ratio - 1.0) > std::abs(farthest - 1.0)) farthest = ratio;
@@ -249,35 +247,6 @@ void warn_of_column_noise(PhysicsCalibration& out) {
                   "noise: denoise takes their offsets out, but synthesize draws them as noise of "
                   "single pixels",
                   column / channels, 100 * column / temporal));
-}
-
-void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out) {
-  const auto constant = [](double sd) { return sd == 0; };
-  if (std::all_of(out.temporal_sd_dark_dn.begin(), out.temporal_sd_dark_dn.end(), constant)) {
-    out.warnings.push_back(
-        "all dark pixels keep their value: the noise is too narrow for the converter's step, and "
-        "its parameters are not known");
-    return;
-  }
-  if (!(quantization_dn > 0)) return;
-  const auto of_normal = [](double sd_steps) {
-    return std::exp(-2.0 * std::numbers::pi * std::numbers::pi * sd_steps * sd_steps);
-  };
-  double most = 0, narrowest_dn = 0;
-  for (std::size_t c = 0; c < out.temporal_sd_dark_dn.size(); ++c) {
-    const bool shape_known = c < out.sigma_tl.mean.size() && std::isfinite(out.sigma_tl.mean[c]);
-    const double left =
-        shape_known ? of_tukey_lambda(out.lambda.mean[c], out.sigma_tl.mean[c] / quantization_dn) *
-                          of_normal(out.sigma_row.mean[c] / quantization_dn)
-                    : of_normal(out.temporal_sd_dark_dn[c] / quantization_dn);
-    if (left > most) narrowest_dn = out.temporal_sd_dark_dn[c];
-    most = std::max(most, left);
-  }
-  if (most > of_normal(0.5))
-    out.warnings.push_back(
-        fmt::format("the dark noise, {:.2g} DN, is too narrow for the converter's step, {:g} DN: "
-                    "rounding hides its parameters, and their standard errors are too small",
-                    narrowest_dn, quantization_dn));
 }
 
 }  // namespace malus

@@ -3,6 +3,7 @@
 #include "malus/base/text.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/internal/bias_calibration.h"
+#include "malus/calibrate/internal/coarse_steps.h"
 #include "malus/calibrate/internal/dark_corrections.h"
 #include "malus/calibrate/internal/defects.h"
 #include "malus/calibrate/internal/fixed_pattern.h"
@@ -187,6 +188,7 @@ CalibratedGain calibrate_gain(GainRun& run, double step_dn, RowGroupDecision& ro
   result.defects = find_defects(pixels, out.prnu_map, geometry);
   warn_of_many_defects(result.defects.size(), geometry, out);
   leave_defects_out(pixels, result.defects, geometry, out);
+  widen_by_coarse_steps(dark.step_dn, dark.hidden, out);
   if (!run.settings().single_frame && run.settings().shape != "ppcc")
     keep_dark_variance(dark.step_dn, out);
   restore_dsnu(dark, out);

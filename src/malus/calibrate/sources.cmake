@@ -8,6 +8,7 @@ set(calibrate_SOURCES
   censored_noise.cpp
   channel_words.cpp
   clean_frame.cpp
+  coarse_steps.cpp
   cut_off_noise.cpp
   dark_codes.cpp
   dark_corrections.cpp

@@ -26,9 +26,11 @@ void warn_of_outlying_frames(const FrameSeries& frame_means_dn, double temporal_
 /// Frames whose mean absolute residual differs from the middle frame's by more than 15 % and by
 /// more than eight of its standard errors, as those of another gain do; of three frames or more.
 /// residuals: [frame][channel]. hidden: per channel, or empty; where the step hides the noise, what
-/// shows of it follows the frame's level, and nothing is said.
+/// shows of it follows the frame's level, and nothing is said. columns: of the frame, whose offsets
+/// are in the residuals. Reads sigma_row, sigma_column and temporal_sd_dark_dn.
 void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& residuals,
-                            const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out);
+                            const std::vector<HiddenNoise>& hidden, int columns,
+                            PhysicsCalibration& out);
 
 /// A dark level more than a tenth of the range above black; or, where black is declared, more than
 /// twenty deviations of the dark noise; or a tenth of black (1 DN at least) below it. Reads mu and
@@ -50,13 +52,6 @@ void warn_of_lit_darkness(const FrameFormat& format, PhysicsCalibration& out);
 /// cuts the noise off. Fills dark_zero_share then.
 void warn_of_clipping(const std::vector<double>& zero_share, const std::vector<double>& floor_dn,
                       const SensorLayout& layout, PhysicsCalibration& out);
-
-/// Noise too narrow for the converter's step, so that rounding hides it: of the noise's
-/// characteristic function at one cycle per step more is left than of normal noise of half a step
-/// (Widrow, Kollár, Liu, IEEE Trans. Instrum. Meas. 45, 1996). Heavy-tailed noise has a narrow core
-/// and may deviate by a whole step. Also where all dark pixels are equal. Reads
-/// temporal_sd_dark_dn, sigma_tl, lambda and sigma_row.
-void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out);
 
 /// Columns whose offsets change from frame to frame by more than a tenth of the temporal noise and
 /// by more than five standard errors: synthesis draws that as noise of single pixels. Reads
