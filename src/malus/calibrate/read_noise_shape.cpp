@@ -221,7 +221,7 @@ double kurtosis(double lambda) {
 }  // namespace
 
 void keep_dark_variance(double quantization_dn, PhysicsCalibration& out) {
-  constexpr double kErrors = 5.0, kOfVariance = 0.02;
+  constexpr double kErrors = 5.0, kErrorsOfLess = 3.0, kOfVariance = 0.02;
   constexpr double kNarrow = 0.75;  // steps: what shows depends on its place in a code
   if (!out.dark_zero_share.empty()) return;
   const std::vector<double> read_dn = read_noise_dn(out);
@@ -236,10 +236,16 @@ void keep_dark_variance(double quantization_dn, PhysicsCalibration& out) {
         std::accumulate(counts.begin(), counts.end(), 0.0) * (1.0 - 1.0 / out.bias_frames);
     const double excess = read_dn[c] * read_dn[c] / shown_dn2 - 1.0;
     const double chance = std::sqrt((kurtosis(lambda.mean) - 1.0) / samples);
-    if (!(excess > std::max(kOfVariance, kErrors * chance))) continue;
+    const bool more = excess > std::max(kOfVariance, kErrors * chance);
+    if (!more && !(-excess > kErrorsOfLess * chance)) continue;
     const Value scale = scale_of_variance(
         lambda, {shown_dn2, 2.0 * std::hypot(dark * out.temporal_sd_dark_stderr_dn[c],
                                              row * out.sigma_row.standard_error[c])});
+    if (!more) {
+      double& error = out.sigma_tl.standard_error[c];
+      error = std::hypot(error, scale.mean - out.sigma_tl.mean[c]);
+      continue;
+    }
     const double less = scale.mean / out.sigma_tl.mean[c];
     for (std::vector<double>& frame : out.sigma_tl.per_frame) frame[c] *= less;
     out.sigma_tl.spread[c] *= less;

@@ -42,7 +42,8 @@ void measure_shapes(const ShapeInput& in, const SensorLayout& layout, PhysicsCal
 /// no Tukey-lambda law, or pixels that jump pull at λ. If it is 2 % more, and more than so many
 /// values of the law lack by chance (five errors of a sample variance), σ_TL becomes that of the
 /// frames' variance. Frames that have more than the law may owe it to a few pixels that jump: the
-/// law stays as it is. So does that of noise below 0.75 steps, cut off, or of unknown shape. Reads
+/// law stays as it is, and what σ_TL would be by three chance errors or more is in its standard
+/// error. Nothing is done for noise below 0.75 steps, cut off, or of unknown shape. Reads
 /// lambda, sigma_row, residual_counts, bias_frames and temporal_sd_dark (without defects), changes
 /// sigma_tl.
 void keep_dark_variance(double quantization_dn, PhysicsCalibration& out);
