@@ -97,7 +97,7 @@ TEST(FrameProfile, RefusesAPlaceInTheFramesNameAndAGainInTheModels) {
   }
 }
 
-constexpr int kSide = 256;
+constexpr int kFrameSide = 256;
 constexpr double kPrnu = 0.02, kMapError = 0.01, kDsnuDn = 6;
 
 // PRNU and DSNU, and their maps with sampling error; the frame has `share` of the pattern.
@@ -107,15 +107,15 @@ struct PatternedCamera {
 };
 
 PatternedCamera patterned_camera(double share) {
-  PatternedCamera camera{mapped_model(), frame_of_size(kSide, kSide)};
+  PatternedCamera camera{mapped_model(), frame_of_size(kFrameSide, kFrameSide)};
   camera.model.defects.clear();
   PhysicsCalibration& p = camera.model.physics.front();
-  p.dark_shading_dn = p.prnu_map = Image(kSide, kSide);
+  p.dark_shading_dn = p.prnu_map = Image(kFrameSide, kFrameSide);
   p.prnu.assign(4, kPrnu);
   p.dsnu_dn.assign(4, kDsnuDn);
   RandomSequence random(31, 0, Draw::kOther);
-  for (int r = 0; r < kSide; ++r)
-    for (int c = 0; c < kSide; ++c) {
+  for (int r = 0; r < kFrameSide; ++r)
+    for (int c = 0; c < kFrameSide; ++c) {
       const double response = kPrnu * random.normal(), dark = kDsnuDn * random.normal(),
                    light = 400 + 300 * std::sin(0.05 * r) * std::cos(0.03 * c),
                    own = light * (1 + share * response);
