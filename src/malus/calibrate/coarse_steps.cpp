@@ -82,10 +82,11 @@ void widen_by_coarse_steps(double quantization_dn, const std::vector<HiddenNoise
     if (c < hidden.size() && hidden[c].hidden) continue;
     const LeftOfLaw law =
         coarse_of_tukey_lambda(out.lambda.mean[c], out.sigma_tl.mean[c] / quantization_dn);
-    const double blur = coarse_of_normal(out.dsnu_dn[c] / quantization_dn) / std::numbers::sqrt2;
-    const double left = blur * coarse_of_normal(row) * law.left;
+    const double blur = coarse_of_normal(out.dsnu_dn[c] / quantization_dn) / std::numbers::sqrt2 *
+                        coarse_of_normal(row);
+    const double left = blur * law.left;
     const double variance =
-        blur * coarse_of_normal(row) *
+        blur *
         (2.0 * law.slope +
          (4.0 * std::numbers::pi * row * row + 1.0 / std::numbers::pi) * law.left) /
         std::numbers::pi;

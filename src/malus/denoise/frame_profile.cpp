@@ -14,8 +14,10 @@
 namespace malus {
 namespace {
 
-// Less than half of what the model has, clearly so: by three errors.
-constexpr double kHalf = 0.5, kErrors = 3.0;
+constexpr double kHalf = 0.5;  // of what the model has
+
+// By three errors.
+bool clearly_below(double limit, double value, double error) { return value + 3.0 * error < limit; }
 
 // Above black and bias.
 struct FrameLight {
@@ -35,7 +37,7 @@ FrameLight light_of(const RawFrame& frame, const NoiseProfile& profile) {
 bool shows_less_than_half(const RawFrame& frame, const NoiseProfile& profile) {
   const FrameLight light = light_of(frame, profile);
   const auto shown = shown_column_variance(light.dn, profile, light.saturated_dn);
-  return shown && shown->value + kErrors * shown->error < kHalf * kHalf;
+  return shown && clearly_below(kHalf * kHalf, shown->value, shown->error);
 }
 
 // What is left of a pattern, of its deviation. Where the frame does not tell, it is there.
@@ -44,7 +46,7 @@ double left_of(const PatternShare& share, bool has_map, bool is_taken_out) {
   if (share.present())
     return share.taken() * (is_taken_out ? std::sqrt(std::max(1 - share.kept, 0.0)) : 1);
   const bool told = share.stderr_value > 0;
-  return told && share.value + kErrors * share.stderr_value < kHalf ? 0 : 1;
+  return told && clearly_below(kHalf, share.value, share.stderr_value) ? 0 : 1;
 }
 
 bool any_pattern(const std::vector<PatternDeviation>& deviations) {
@@ -53,8 +55,10 @@ bool any_pattern(const std::vector<PatternDeviation>& deviations) {
 }
 
 // is_taken_out: whether denoising will take out what the frame shows of the profile's maps.
-void count_pattern(NoiseProfile& profile, const RawFrame& frame,
-                   std::vector<PatternDeviation> deviations, bool is_taken_out) {
+void count_pattern(NoiseProfile& profile, const RawFrame& frame, const NoiseModel& model,
+                   const GainSetting& gain, bool is_taken_out) {
+  std::vector<PatternDeviation> deviations = pattern_deviations_at(model, gain, profile);
+  if (!any_pattern(deviations) || !(frame.layout == profile.layout)) return;
   const auto fits = [&](Image FixedPattern::*map) {
     return profile.pattern && (*profile.pattern.*map).rows() == frame.dn.rows() &&
            (*profile.pattern.*map).cols() == frame.dn.cols();
@@ -88,10 +92,8 @@ NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
 NoiseProfile raw_profile(const RawFrame& frame, const NoiseModel& model, const GainSetting& gain,
                          GainRange range) {
   NoiseProfile profile = denoising_profile(frame, model, gain, range);
-  const auto deviations = pattern_deviations_at(model, gain, profile);
-  if (!any_pattern(deviations) || !(frame.layout == profile.layout)) return profile;
   profile.pattern = fixed_pattern_at(model, gain);
-  count_pattern(profile, frame, deviations, false);
+  count_pattern(profile, frame, model, gain, false);
   profile.pattern = nullptr;
   return profile;
 }
@@ -102,9 +104,7 @@ FrameProfile frame_profile(const RawFrame& frame, const NoiseModel& model, const
   FrameProfile of_frame{denoising_profile(frame, model, gain, range), {}};
   if (settings.fixed_pattern) of_frame.profile.pattern = fixed_pattern_at(model, gain);
   of_frame.left_out = fit_to_sensor(of_frame.profile, frame, place, settings.defects);
-  const auto deviations = pattern_deviations_at(model, gain, of_frame.profile);
-  if (settings.fixed_pattern && any_pattern(deviations) && frame.layout == of_frame.profile.layout)
-    count_pattern(of_frame.profile, frame, deviations, true);
+  if (settings.fixed_pattern) count_pattern(of_frame.profile, frame, model, gain, true);
   return of_frame;
 }
 
