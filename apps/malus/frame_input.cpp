@@ -83,7 +83,7 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
 NoiseProfile profile_for(const RawFrame& frame, const NoiseModel& model, GainRange range,
                          bool fixed_pattern) {
   try {
-    return (fixed_pattern ? raw_profile : denoising_profile)(frame, model, frame.gain, range);
+    return raw_profile(frame, model, frame.gain, range, fixed_pattern);
   } catch (const InputError& error) {
     throw InputError(frame.source + ": " + error.subject(), error.problem(), error.remedy());
   }

@@ -213,8 +213,8 @@ py::dict stokes_by_model(const py::object& given, const std::optional<std::strin
   SaturatedCells saturated;
   {
     const py::gil_scoped_release release;
-    const NoiseProfile profile = (fixed_pattern ? raw_profile : denoising_profile)(
-        frame, model.description(), gain, gain_range(extrapolate));
+    const NoiseProfile profile =
+        raw_profile(frame, model.description(), gain, gain_range(extrapolate), fixed_pattern);
     const Planes variance = pack(take_out_bias(frame, profile, light.saturated_dn), layout);
     saturated = saturated_cells(frame.dn, layout, variance);
     picture = stokes_picture(frame.dn, layout, std::nullopt);

@@ -90,8 +90,9 @@ NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
 }
 
 NoiseProfile raw_profile(const RawFrame& frame, const NoiseModel& model, const GainSetting& gain,
-                         GainRange range) {
+                         GainRange range, bool fixed_pattern) {
   NoiseProfile profile = denoising_profile(frame, model, gain, range);
+  if (!fixed_pattern) return profile;
   profile.pattern = fixed_pattern_at(model, gain);
   count_pattern(profile, frame, model, gain, false);
   profile.pattern = nullptr;

@@ -36,9 +36,10 @@ FrameProfile frame_profile(const RawFrame& frame, const NoiseModel& model, const
                            GainRange range = GainRange::kCalibratedOnly);
 
 /// denoising_profile of a raw frame that stays as it is, with the fixed pattern as noise of its
-/// pixels: unless maps fit the frame and it shows clearly less than half of them.
+/// pixels: unless maps fit the frame and it shows clearly less than half of them, or the caller
+/// knows better and does without fixed_pattern.
 NoiseProfile raw_profile(const RawFrame& frame, const NoiseModel& model, const GainSetting& gain,
-                         GainRange range = GainRange::kCalibratedOnly);
+                         GainRange range = GainRange::kCalibratedOnly, bool fixed_pattern = true);
 
 /// The model's profile without what it knows of single pixels' places: with column noise apart,
 /// unless the frame shows clearly less than half of its deviation. Such a frame is of another state
