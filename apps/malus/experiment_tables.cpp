@@ -34,15 +34,15 @@ struct TableArguments {
 };
 
 // The rows that can be shown, and the names of those that are left out for want of pairs.
-struct Table {
+struct TableFile {
   std::vector<TableRow> rows;
   std::vector<std::string> left_out;
 };
 
-Table read_table(const TableArguments& arguments) {
+TableFile read_table(const TableArguments& arguments) {
   const ConfigSection root = ConfigSection::load(arguments.rows, "the experiment");
   root.require_known({"rows"});
-  Table table;
+  TableFile table;
   bool any_on_pairs = false;
   for (TableRow& row : table_rows(root, arguments.rows, {"trained_on"})) {
     any_on_pairs = any_on_pairs || row.trained_on_pairs;
@@ -85,7 +85,7 @@ void run_table(const TableArguments& arguments, const Common& common, const std:
   read.push_back(arguments.rows);
   check_report_apart(arguments.report, read, {}, common.force);
   networks();
-  const Table table = read_table(arguments);
+  const TableFile table = read_table(arguments);
   for (const TableRow& row : table.rows)
     if (row.method.empty()) check_training(training_of(row, arguments), common);
   OpenTestFrames frames(arguments.frames);

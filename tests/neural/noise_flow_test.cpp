@@ -75,7 +75,7 @@ TEST(NoiseFlow, LikelihoodOfTheGaussianLayersIsExact) {
               -0.5 * (0.01 / variance + std::log(2 * M_PI * variance)), 1e-5);
 }
 
-constexpr double kSlopeDn = 2.5, kOffsetDn2 = 30;
+constexpr double kPairSlopeDn = 2.5, kPairOffsetDn2 = 30;
 
 // Heteroscedastic Gaussian noise on a ramp: variance = slope * signal + offset.
 NoiseFlowPair simulated_pair(std::uint32_t frame) {
@@ -85,8 +85,8 @@ NoiseFlowPair simulated_pair(std::uint32_t frame) {
     for (int c = 0; c < 96; ++c) {
       const double signal = 20.0 + 9.0 * c;
       pair.clean_dn(r, c) = static_cast<float>(signal);
-      pair.noisy_dn(r, c) =
-          static_cast<float>(signal + std::sqrt(kSlopeDn * signal + kOffsetDn2) * random.normal());
+      pair.noisy_dn(r, c) = static_cast<float>(
+          signal + std::sqrt(kPairSlopeDn * signal + kPairOffsetDn2) * random.normal());
     }
   return pair;
 }
@@ -130,7 +130,7 @@ TEST(NoiseFlow, LearnsAHeteroscedasticGaussian) {
     for (int r = 0; r < 96; ++r)
       for (int c = from; c < to; ++c) {
         square += std::pow(static_cast<double>(drawn(r, c) - truth.clean_dn(r, c)), 2);
-        expected += kSlopeDn * static_cast<double>(truth.clean_dn(r, c)) + kOffsetDn2;
+        expected += kPairSlopeDn * static_cast<double>(truth.clean_dn(r, c)) + kPairOffsetDn2;
       }
     // 2304 samples: 3 % standard error of the variance; training itself is brief.
     EXPECT_NEAR(square / expected, 1, 0.15) << from;

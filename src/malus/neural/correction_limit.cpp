@@ -10,7 +10,7 @@
 namespace malus {
 namespace {
 
-constexpr int kSide = 4;  // of a cell
+constexpr int kCellSide = 4;  // of a cell
 // Corrections that help are smaller than this share of what is stated of the guide: measured
 // (docs/networks.md).
 constexpr double kMostOfStated = 0.3;
@@ -18,8 +18,8 @@ constexpr double kMostOfStated = 0.3;
 // Of the pixels that lie in a cell.
 template <class Action>
 void for_each_pixel(View<const float> mosaic, int i, int k, const Action& action) {
-  for (int r = i * kSide; r < std::min((i + 1) * kSide, mosaic.rows()); ++r)
-    for (int c = k * kSide; c < std::min((k + 1) * kSide, mosaic.cols()); ++c) action(r, c);
+  for (int r = i * kCellSide; r < std::min((i + 1) * kCellSide, mosaic.rows()); ++r)
+    for (int c = k * kCellSide; c < std::min((k + 1) * kCellSide, mosaic.cols()); ++c) action(r, c);
 }
 
 }  // namespace
@@ -30,8 +30,8 @@ void limit_correction(View<const float> guide_dn, View<const float> variance_dn2
     return view.rows() == guide_dn.rows() && view.cols() == guide_dn.cols();
   };
   MALUS_REQUIRE(same_size(result_dn) && same_size(variance_dn2));
-  const int rows = (guide_dn.rows() + kSide - 1) / kSide,
-            cols = (guide_dn.cols() + kSide - 1) / kSide;
+  const int rows = (guide_dn.rows() + kCellSide - 1) / kCellSide,
+            cols = (guide_dn.cols() + kCellSide - 1) / kCellSide;
   Image corrections(rows, cols), variances(rows, cols);  // sums over the cells' pixels [DN^2]
   const auto for_each_cell = [&](const auto& action) {
     parallel_for(0, rows, 4, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {

@@ -278,11 +278,11 @@ namespace malus::internal {
 namespace {
 
 bool ask_for_matrix_unit() {
-  constexpr unsigned kBfloat16 = 1U << 22, kTile = 1U << 24;
+  constexpr unsigned kBfloat16 = 1U << 22, kTiles = 1U << 24;
   unsigned a = 0, b = 0, c = 0, d = 0;
   if (__builtin_cpu_supports("avx512bf16") == 0 || __get_cpuid_count(7, 0, &a, &b, &c, &d) == 0)
     return false;
-  if ((d & kBfloat16) == 0 || (d & kTile) == 0) return false;
+  if ((d & kBfloat16) == 0 || (d & kTiles) == 0) return false;
   constexpr long kRequestPermission = 0x1023, kTileData = 18;  // arch_prctl(2), from Linux 5.16 on
   return syscall(SYS_arch_prctl, kRequestPermission, kTileData) == 0;
 }
