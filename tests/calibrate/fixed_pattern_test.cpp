@@ -188,7 +188,7 @@ TEST(FixedPattern, HotPixelsAreNoLightLeak) {
     EXPECT_EQ(warning.find("light leak"), std::string::npos) << warning;
 }
 
-// The mean square of 20 sessions spreads by 0.3; with 200: fixed_pattern_slow_test.cpp.
+// The mean square of 20 sessions spreads by 0.3; with 100: fixed_pattern_slow_test.cpp.
 TEST(FixedPattern, DsnuAndBiasAreWithinTheirStandardErrors) {
   testing::expect_stated_errors_of_patterns(20, 0.2, 2.5);
 }

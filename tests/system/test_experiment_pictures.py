@@ -94,7 +94,9 @@ def test_denoise_demosaic_and_the_pictures_of_its_networks(malus, refused, exper
     # With --set, which is of the networks: they are others then, and the flow is not.
     assert "belongs to a run with another train.steps" in refused(*run, "--set", "train.steps=4", "-q")
     assert malus(*run, "--json").json["rows"] != [] and [path.read_bytes() for path in weights] == written
-    scored = ["experiment", "denoise-demosaic", run[2], "--pairs", out / "flow-captures/pairs.json"]
+    few = out / "flow-captures/few.json"
+    few.write_text(json.dumps({"pairs": captures[-2:]}))
+    scored = ["experiment", "denoise-demosaic", run[2], "--pairs", few]
     line = refused(*scored, "-o", experiments / "real", "-q")
     assert '"Noise Flow" learns from captures' in line and "--flow-pairs" in line
     rows = malus(*scored, "--flow-pairs", out / "flow-captures/pairs.json", "-o", experiments / "real", "--json").json["rows"]

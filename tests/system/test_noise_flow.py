@@ -4,6 +4,7 @@ import fcntl
 import io
 import json
 import os
+import shutil
 import tarfile
 
 import numpy as np
@@ -36,16 +37,20 @@ crop = 16
 """
 
 
-@pytest.fixture
-def pairs(tmp_path):
+def write_pairs(folder):
     clean = np.tile(np.repeat(np.linspace(40, 700, 12), 16), (160, 1)).astype(np.float32)
-    np.save(tmp_path / "clean.npy", clean)
+    np.save(folder / "clean.npy", clean)
     rng = np.random.default_rng(2)
     for k in range(4):
         noisy = clean + rng.normal(0, 1, clean.shape) * np.sqrt(SLOPE * clean + OFFSET)
-        np.save(tmp_path / f"noisy_{k}.npy", (noisy + BLACK).round().clip(0, WHITE).astype(np.uint16))
-    (tmp_path / "flow.toml").write_text(CONFIG)
-    return tmp_path
+        np.save(folder / f"noisy_{k}.npy", (noisy + BLACK).round().clip(0, WHITE).astype(np.uint16))
+    (folder / "flow.toml").write_text(CONFIG)
+    return folder
+
+
+@pytest.fixture
+def pairs(tmp_path):
+    return write_pairs(tmp_path)
 
 
 def test_what_came_of_it_is_printed_and_several_processes_are_refused(malus, refused, pairs):
@@ -57,11 +62,19 @@ def test_what_came_of_it_is_printed_and_several_processes_are_refused(malus, ref
     assert "noisy_0.npy: " in line and "of its pixels lie above the white of 500 DN" in line
 
 
-@pytest.fixture
-def trained(malus, pairs):
-    run = malus("train", pairs / "flow.toml", "-o", pairs / "flow", "--json").json
+@pytest.fixture(scope="module")
+def training(malus, tmp_path_factory):
+    """Pairs and the flow that was trained on them, once for all tests."""
+    folder = write_pairs(tmp_path_factory.mktemp("training"))
+    run = malus("train", folder / "flow.toml", "-o", folder / "flow", "--json").json
     assert run["log"][-1]["log_likelihood"] > run["log"][0]["log_likelihood"] - 0.05
-    return pairs
+    return folder
+
+
+@pytest.fixture
+def trained(training, tmp_path):
+    """A copy of them that a test may change."""
+    return shutil.copytree(training, tmp_path / "trained")
 
 
 def test_a_finished_flow_is_not_trained_again(malus, refused, trained):
