@@ -24,7 +24,7 @@ endif()
 # Contraction to FMA would make results differ between machines and between scalar and SIMD code.
 add_compile_options(-ffp-contract=off)
 
-# What reads options, binds or tests, while the work lies in the modules: a third less time to compile than with -O3.
+# What reads options or tests, while the work lies in the modules: a third less time to compile than with -O3.
 function(malus_compile_quickly target)
   target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1 -finline-small-functions>)
 endfunction()
