@@ -1,7 +1,9 @@
 // What other programs' EXR files hold: OpenEXR writes them here by itself.
 #include "malus/base/error.h"
+#include "malus/io/internal/file_bytes.h"
 #include "malus/io/picture_file.h"
 
+#include <fstream>
 #include <string>
 #include <vector>
 
@@ -14,6 +16,7 @@
 #include <OpenEXR/ImfOutputFile.h>
 #include <OpenEXR/ImfOutputPart.h>
 #include <OpenEXR/ImfPartType.h>
+#include <OpenEXR/ImfStringVectorAttribute.h>
 #include <OpenEXR/ImfTiledOutputFile.h>
 #include <gmock/gmock.h>
 
@@ -138,6 +141,36 @@ TEST(ExrKinds, WhatIsNoOnePictureOfFloatsIsRefused) {
     file.writePixels(4);
   }
   refused("few.exr", "the channel RY has fewer pixels");
+}
+
+// OpenEXR takes memory for a text of any length before it finds the file to end.
+TEST(ExrKinds, LengthsBeyondTheFileAreRefusedBeforeMemoryIsTaken) {
+  const testing::TemporaryFolder folder;
+  save_picture(folder / "a.exr", Image(2, 3, 1.0f));
+  const std::string bytes = internal::read_text(folder / "a.exr", "a picture");
+  constexpr std::size_t kHead = 8;  // magic number and version
+  const std::string beyond("\xf0\xff\xff\x7f", 4), inside("\x0a\0\0\0", 4), one("\x02\0\0\0ab", 6);
+  for (const std::string& attribute :
+       {"t" + std::string("\0string\0", 8) + beyond,
+        "t" + std::string("\0stringvector\0", 14) + inside + one + beyond}) {
+    std::ofstream(folder / "b.exr", std::ios::binary)
+        << bytes.substr(0, kHead) << attribute << bytes.substr(kHead);
+    EXPECT_THAT([&] { load_picture(folder / "b.exr"); },
+                ThrowsMessage<InputError>(HasSubstr("it ends inside its header")));
+  }
+  // One that is as long as it says.
+  const Imath::Box2i window(Imath::V2i(0, 0), Imath::V2i(kExrCols - 1, kExrRows - 1));
+  Imf::Header header = header_of(window, {"Y"});
+  header.insert("t", Imf::StringVectorAttribute({"ab", "", "cde"}));
+  {
+    std::vector<float> values = values_of(0);
+    Imf::OutputFile file((folder / "c.exr").c_str(), header);
+    Imf::FrameBuffer buffer;
+    buffer.insert("Y", Imf::Slice::Make(Imf::FLOAT, values.data(), window));
+    file.setFrameBuffer(buffer);
+    file.writePixels(kExrRows);
+  }
+  EXPECT_EQ(load_picture(folder / "c.exr").planes[0].values(), values_of(0));
 }
 
 }  // namespace
