@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <cstdio>
+#include <fstream>
 #include <string>
 #include <vector>
 
@@ -120,14 +121,18 @@ TEST(PngKinds, TransparentGreyHasAlpha) {
 }
 
 // A TIFF structure: the camera in the first directory, 1/4 s in the one of Exif.
-TEST(PngKinds, ExifTellsCameraAndExposure) {
-  const testing::TemporaryFolder folder;
+std::string exif_of_camera() {
   std::string exif("MM\0\x2a\0\0\0\x08\0\x02", 10);
   exif += std::string("\x01\x10\0\x02\0\0\0\x05\0\0\0\x26", 12);
   exif += std::string("\x87\x69\0\x04\0\0\0\x01\0\0\0\x2c\0\0\0\0", 16);
   exif += std::string("IMX2\0\0", 6);
   exif += std::string("\0\x01\x82\x9a\0\x05\0\0\0\x01\0\0\0\x3e\0\0\0\0", 18);
-  exif += std::string("\0\0\0\x01\0\0\0\x04", 8);
+  return exif + std::string("\0\0\0\x01\0\0\0\x04", 8);
+}
+
+TEST(PngKinds, ExifTellsCameraAndExposure) {
+  const testing::TemporaryFolder folder;
+  std::string exif = exif_of_camera();
   write_rows(folder / "a.png", 2, 8, PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE, {{5, 6}},
              [&](png_structp png, png_infop info) {
                png_set_eXIf_1(png, info, static_cast<png_uint_32>(exif.size()),
@@ -144,6 +149,19 @@ TEST(PngKinds, ExifTellsCameraAndExposure) {
                               reinterpret_cast<png_bytep>(exif.data()));
              });
   EXPECT_THAT(load_frame_info(folder / "b.png", {}).frame.dn.values(), ElementsAre(5, 6));
+}
+
+// Its length may be anything there: 4 GB were read in vain.
+TEST(PngKinds, WhatStandsBehindTheLastChunkIsNoExif) {
+  const testing::TemporaryFolder folder;
+  write_rows(folder / "a.png", 2, 8, PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE, {{5, 6}}, kNothing);
+  const std::string exif = exif_of_camera();
+  std::ofstream(folder / "a.png", std::ios::binary | std::ios::app)
+      << std::string(3, '\0') << static_cast<char>(exif.size()) << "eXIf" << exif << "none";
+  const FrameInfo told = load_frame_info(folder / "a.png", {});
+  EXPECT_EQ(told.camera, "");
+  EXPECT_EQ(told.frame.exposure_s, std::nullopt);
+  EXPECT_THAT(told.frame.dn.values(), ElementsAre(5, 6));
 }
 
 }  // namespace
