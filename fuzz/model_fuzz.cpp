@@ -7,6 +7,7 @@
 #include "malus/base/error.h"
 #include "malus/noise/fixed_pattern.h"
 #include "malus/noise/model.h"
+#include "malus/noise/profile.h"
 
 #include <cstdlib>
 #include <filesystem>
@@ -44,10 +45,12 @@ struct ScratchFile {
 void use_at(const malus::NoiseModel& model, const malus::GainSetting& gain) {
   (void)malus::fixed_pattern_at(model, gain);
   try {
-    const malus::DefectList defects = model.profile_at(gain).defects;
+    malus::NoiseProfile profile = model.profile_at(gain);
+    const malus::DefectList& defects = profile.defects;
     for (const auto& place : defects.places)
       if (place.row < 0 || place.col < 0 || place.row >= defects.rows || place.col >= defects.cols)
         std::abort();
+    add_pattern_noise(profile, pattern_deviations_at(model, gain, profile));
   } catch (const malus::InputError&) {  // no K, or not a gain of the kind that goes first
   }
 }
