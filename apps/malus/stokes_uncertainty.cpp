@@ -59,6 +59,7 @@ Planes load_variance(const std::filesystem::path& path, const RawFrame& frame) {
           "give the _variance.exr that malus denoise --uncertainty wrote for the frame");
     ordered[k] = picture.planes[static_cast<int>(found - picture.names.begin())];
   }
+  require_variances(ordered, frame.layout, path.string());
   return ordered;
 }
 

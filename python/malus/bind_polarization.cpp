@@ -141,11 +141,9 @@ std::vector<StokesUncertainty> uncertainty_from(const py::object& given,
                      fmt::format("{} x {}, the mosaic {} x {}", view.cols(), view.rows(),
                                  mosaic.cols(), mosaic.rows()),
                      "give what denoise(variance=True) returned beside the mosaic");
-  for (int row = 0; row < view.rows(); ++row)
-    if (std::ranges::any_of(view.row_span(row), [](float v) { return v < 0; }))
-      throw InputError("variance", "is negative", "give squares of deviations, NaN where unknown");
   const py::gil_scoped_release release;
   const Planes packed = pack(view, light.layout);
+  require_variances(packed, light.layout, "variance");
   light.saturated = saturated_cells(mosaic, light.layout, packed);
   return uncertainty_of(picture, packed, light.layout,
                         denoised ? Intensities::kDenoised : Intensities::kMeasured);

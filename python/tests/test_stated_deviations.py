@@ -121,7 +121,7 @@ def test_what_means_nothing_is_refused(patterned_camera):
     light = np.full((8, 8), 100, np.float32)
     variance = np.full((8, 8), 4, np.float32)
     for arguments, text in (({"gain": 0}, "gain: is of a model, and none is given"), ({"fixed_pattern": False}, "fixed_pattern: is of a model"),
-                            ({"variance": np.where(np.arange(8) == 3, -variance, variance)}, "variance: is negative")):
+                            ({"variance": np.where(np.arange(8) == 3, -variance, variance)}, "variance: a variance is negative: -4 DN² in row 0, column 3")):
         with pytest.raises(ValueError, match=text):
             malus.stokes(light, "polar-mono", **arguments)
     unknown = np.where(np.arange(8) == 3, np.nan, variance)

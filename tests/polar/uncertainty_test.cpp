@@ -1,5 +1,6 @@
 #include "malus/polar/uncertainty.h"
 
+#include "malus/base/error.h"
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
 
@@ -356,6 +357,21 @@ TEST(Uncertainty, OfTheMeanOfOpposedColorsKnowsNoAngle) {
   EXPECT_FLOAT_EQ(mean.aolp_sd_deg(0, 0), static_cast<float>(std::sqrt(kUnknownAngleVarianceDeg2)));
   EXPECT_NEAR(mean.dolp_corrected(0, 0), 0, 1e-6);
   EXPECT_NEAR(own[0].dolp_corrected(0, 0), 0.5, 1e-3);
+}
+
+TEST(Uncertainty, NegativeVariancesAreRefusedByTheirPlaceInTheMosaic) {
+  const auto layout = SensorLayout::named("polar-mono");
+  Planes variance(4, 3, 5);
+  variance[0](0, 0) = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_NO_THROW(require_variances(variance, layout, "v.exr"));
+  variance[2](1, 4) = -0.5f;
+  try {
+    require_variances(variance, layout, "v.exr");
+    FAIL() << "a negative variance";
+  } catch (const InputError& error) {
+    EXPECT_EQ(error.subject(), "v.exr");
+    EXPECT_EQ(error.problem(), "a variance is negative: -0.5 DN² in row 3, column 8");
+  }
 }
 
 }  // namespace

@@ -259,6 +259,16 @@ def test_errors_of_raw_and_denoised_frames_are_not_mixed_up(malus, refused, came
     assert mixed.err.count("not marked as denoised") == 1
 
 
+def test_negative_variances_are_refused(malus, refused, camera, tmp_path):
+    raw = raw_frame(camera, tmp_path / "raw.png")
+    malus("denoise", raw, *MODEL, "--gain", GAIN_DB, "--uncertainty", "-o", tmp_path)
+    written = (tmp_path / "raw_variance.exr").read_bytes()  # not compressed: the last value is that of the last pixel of 90 degrees
+    (tmp_path / "v.exr").write_bytes(written[:-4] + np.float32(-4).tobytes())
+    line = refused("stokes", tmp_path / "raw_denoised.tif", "--variance", tmp_path / "v.exr", "-o", tmp_path / "out")
+    assert f"v.exr: a variance is negative: -4 DN² in row {SIDE - 2}, column {SIDE - 2}" in line
+    assert not list((tmp_path / "out").glob("*"))
+
+
 def test_normals_say_what_they_guess(malus, camera, tmp_path):
     raw = raw_frame(camera, tmp_path / "raw.png")
     assert "black level not known" in malus("normals", raw, *LAYOUT, "-o", tmp_path).err

@@ -1,5 +1,6 @@
 #include "malus/polar/uncertainty.h"
 
+#include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/polar/internal/angle_error.h"
 
@@ -7,6 +8,8 @@
 #include <array>
 #include <cstdlib>
 #include <numeric>
+
+#include <fmt/format.h>
 
 namespace malus {
 namespace {
@@ -283,6 +286,19 @@ StokesUncertainty propagated(const StokesPlanes& stokes, const AnglePlanes& vari
 StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance,
                             Intensities intensities) {
   return propagated(stokes, variance, intensities, {});
+}
+
+void require_variances(const Planes& packed_variance, const SensorLayout& layout,
+                       const std::string& source) {
+  for (int k = 0; k < packed_variance.channels(); ++k)
+    for (int r = 0; r < packed_variance.rows(); ++r)
+      for (int c = 0; c < packed_variance.cols(); ++c)
+        if (const float variance = packed_variance[k](r, c); variance < 0)
+          throw InputError(source,
+                           fmt::format("a variance is negative: {:g} DN² in row {}, column {}",
+                                       variance, r * layout.rows() + k / layout.cols(),
+                                       c * layout.cols() + k % layout.cols()),
+                           "give squares of deviations, NaN where they are not known");
 }
 
 std::vector<StokesUncertainty> uncertainty_per_color(const std::vector<StokesPlanes>& stokes,

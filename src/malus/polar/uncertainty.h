@@ -5,6 +5,8 @@
 #include "malus/image/shared_offsets.h"
 #include "malus/polar/stokes.h"
 
+#include <string>
+
 namespace malus {
 
 /// Covariance of (S0, S1, S2) of one pixel, in the intensities' unit squared.
@@ -65,6 +67,11 @@ struct StokesUncertainty {
 /// NaN.
 StokesUncertainty propagate(const StokesPlanes& stokes, const AnglePlanes& variance,
                             Intensities intensities);
+
+/// Variances come from files and arrays: throws InputError, naming the source and the first pixel
+/// of a channel, where one is negative. NaN is legal: of saturated pixels none is known.
+void require_variances(const Planes& packed_variance, const SensorLayout& layout,
+                       const std::string& source);
 
 /// As stokes_per_color, for packed planes of variances (image/pack.h): a colour with several sites
 /// of one angle has the variance of their mean. Errors of such sites are independent where they are
