@@ -81,14 +81,11 @@ LightPolynomial relate(const Image& sum, const MosaicGeometry& geometry, int cha
   constexpr double kLeastLight = 0.01;  // of the channel's mean: a polynomial may cross zero
   const auto left_out = [&](int row, int col) { return outstanding.holds(row, col); };
   double mean = 0;
-  LightPolynomial polynomial = fit_light(
-      geometry, channel, degree,
-      [&](int row, int col) {
-        const float value = left_out(row, col) ? light(row, col) : sum(row, col);
-        mean += double{value} / static_cast<double>(geometry.channel_pixels(channel));
-        return value;
-      },
-      light);
+  for_channel(geometry, channel, [&](int, int, int row, int col) {
+    if (!left_out(row, col)) light(row, col) = sum(row, col);
+    mean += double{light(row, col)} / static_cast<double>(geometry.channel_pixels(channel));
+  });
+  LightPolynomial polynomial = fit_light(geometry, channel, degree, light);
   for_channel(geometry, channel, [&](int, int, int row, int col) {
     float& own = light(row, col);
     own = std::max(own, static_cast<float>(kLeastLight * mean));

@@ -27,6 +27,7 @@ set(calibrate_SOURCES
   gaussian_calibration.cpp
   level_histograms.cpp
   level_pass.cpp
+  light_polynomial.cpp
   light_profile.cpp
   lowest_codes.cpp
   matching_dark.cpp
