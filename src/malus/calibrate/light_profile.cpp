@@ -53,6 +53,14 @@ void LightProfile::add(View<const float> dn) {
   columns_.sums_dn.push_back(std::move(columns));
 }
 
+// Masked rows and columns have no light to change, and by theirs noise would be divided.
+bool LightProfile::is_lit(const Bands& bands, std::size_t band) const {
+  constexpr double kOfLight = 0.05;
+  double sum = 0;
+  for (const std::vector<double>& frame : bands.sums_dn) sum += frame[band];
+  return sum / bands.pixels[band] > kOfLight * light_ / all_pixels();
+}
+
 double LightProfile::band_variance_dn2(const Bands& bands, std::size_t band,
                                        FrameAlignment alignment) const {
   const bool scaled = alignment == FrameAlignment::kMultiplicative;
@@ -71,15 +79,17 @@ double LightProfile::band_variance_dn2(const Bands& bands, std::size_t band,
 // A band's mean scatters by its n pixels' noise, which the frame's N pixels' takes a part of:
 // σ² (1/n - 1/N).
 double LightProfile::excess_dn2(const Bands& bands, double variance_dn2, FrameAlignment alignment,
-                                double& standard_error_dn2) const {
+                                double& standard_error_dn2, int& lit) const {
   const auto frames = static_cast<double>(bands.sums_dn.size());
   double excess = 0, squares = 0;
   for (std::size_t b = 0; b < bands.pixels.size(); ++b) {
+    if (alignment == FrameAlignment::kMultiplicative && !is_lit(bands, b)) continue;
+    ++lit;
     const double noise = variance_dn2 * (1.0 / bands.pixels[b] - 1.0 / all_pixels());
     excess += band_variance_dn2(bands, b, alignment) - noise;
     squares += noise * noise;
   }
-  const auto count = static_cast<double>(bands.pixels.size());
+  const auto count = static_cast<double>(std::max(lit, 1));
   standard_error_dn2 = std::sqrt(2.0 * squares / (frames - 1.0)) / count;
   return excess / count;
 }
@@ -88,10 +98,9 @@ LightChange LightProfile::change(double variance_dn2, FrameAlignment alignment) 
   LightChange out;
   if (frame_sums_dn_.size() < 2) return out;
   if (alignment == FrameAlignment::kMultiplicative && !(light_ > 0)) return out;
-  out.rows_dn2 = excess_dn2(rows_, variance_dn2, alignment, out.rows_stderr_dn2);
-  out.columns_dn2 = excess_dn2(columns_, variance_dn2, alignment, out.columns_stderr_dn2);
-  out.row_bands = static_cast<int>(rows_.pixels.size());
-  out.column_bands = static_cast<int>(columns_.pixels.size());
+  out.rows_dn2 = excess_dn2(rows_, variance_dn2, alignment, out.rows_stderr_dn2, out.row_bands);
+  out.columns_dn2 =
+      excess_dn2(columns_, variance_dn2, alignment, out.columns_stderr_dn2, out.column_bands);
   return out;
 }
 

@@ -17,8 +17,11 @@
 namespace malus {
 namespace {
 
-// The median of each square of a channel, of 8 by 8 of them at most and 8 lines at least.
-void light_of_squares(const Image& sum, const MosaicGeometry& geometry, int channel, Image& light) {
+// The median of each square of a channel, of 8 by 8 of them at most and 8 lines at least. That of
+// all squares where every pixel is left out.
+template <class LeftOut>
+void light_of_squares(const Image& sum, const MosaicGeometry& geometry, int channel,
+                      const LeftOut& left_out, Image& light) {
   static constexpr int kMost = 8, kFewestLines = 8;
   const auto squares = [](int lines) { return std::clamp(lines / kFewestLines, 1, kMost); };
   const int rows = geometry.channel_rows(channel), cols = geometry.channel_cols(channel);
@@ -27,10 +30,16 @@ void light_of_squares(const Image& sum, const MosaicGeometry& geometry, int chan
   };
   std::vector<std::vector<double>> values(as_index(squares(rows) * squares(cols)));
   for_channel(geometry, channel, [&](int r, int c, int row, int col) {
-    values[square(r, c)].push_back(sum(row, col));
+    if (!left_out(row, col)) values[square(r, c)].push_back(sum(row, col));
   });
-  std::vector<double> medians;
-  for (std::vector<double>& of_square : values) medians.push_back(median_of(std::move(of_square)));
+  std::vector<double> medians, seen;
+  for (std::vector<double>& of_square : values) {
+    medians.push_back(of_square.empty() ? 0 : median_of(of_square));
+    if (!of_square.empty()) seen.push_back(medians.back());
+  }
+  const double of_all = seen.empty() ? 0 : median_of(std::move(seen));
+  for (std::size_t i = 0; i < medians.size(); ++i)
+    if (values[i].empty()) medians[i] = of_all;
   for_channel(geometry, channel, [&](int r, int c, int row, int col) {
     light(row, col) = static_cast<float>(medians[square(r, c)]);
   });
@@ -44,7 +53,7 @@ class Outstanding {
   /// left_out: further such pixels, above 0; may be empty.
   explicit Outstanding(View<const float> left_out) : left_out_(left_out) {}
   bool holds(int row, int col) const {
-    if (!left_out_.empty() && left_out_(row, col) > 0) return true;
+    if (is_left_out(row, col)) return true;
     return usual_.deviation > 0 &&
            std::abs(before_(row, col) - usual_.centre) > kDefectDeviations * usual_.deviation;
   }
@@ -53,7 +62,8 @@ class Outstanding {
   // medians.
   void find_dark(const Image& sum, const MosaicGeometry& geometry, int channel, Image& light) {
     constexpr double kFarOff = 2.0 / 3.0;
-    light_of_squares(sum, geometry, channel, light);
+    light_of_squares(
+        sum, geometry, channel, [this](int row, int col) { return is_left_out(row, col); }, light);
     if (before_.empty()) before_ = Image(sum.rows(), sum.cols());
     for_channel(geometry, channel, [&](int, int, int row, int col) {
       before_(row, col) = light(row, col) > 0 ? sum(row, col) / light(row, col) : 1.0F;
@@ -67,6 +77,7 @@ class Outstanding {
   }
 
  private:
+  bool is_left_out(int row, int col) const { return !left_out_.empty() && left_out_(row, col) > 0; }
   View<const float> left_out_;
   Image before_;
   PixelLocation usual_;
@@ -241,9 +252,10 @@ Response ResponseAccumulator::response(const FrameRowNoise& rows) const {
   Response out;
   out.map = Image(geometry_.rows(), geometry_.cols(), 1.0F);
   Image light(geometry_.rows(), geometry_.cols());
+  const Image left_out = with_unlit_lines();
   for (int channel = 0; channel < geometry_.channels(); ++channel) {
     const auto i = as_index(channel);
-    Outstanding outstanding(left_out_);
+    Outstanding outstanding(left_out);
     const LightPolynomial polynomial =
         relate_in_rounds(sum_, geometry_, channel, outstanding, out.map, light);
     const KeptByLight kept_by_light = kept_by(polynomial, geometry_, channel);
@@ -286,10 +298,24 @@ Response ResponseAccumulator::response(const FrameRowNoise& rows) const {
   return out;
 }
 
+// A polynomial would follow masked lines, and their squares have no other light.
+Image ResponseAccumulator::with_unlit_lines() const {
+  const UnlitLines unlit = unlit_lines();
+  Image out = left_out_;
+  if (out.empty() && !(unlit.rows.empty() && unlit.cols.empty()))
+    out = Image(sum_.rows(), sum_.cols());
+  for (const int r : unlit.rows)
+    for (int c = 0; c < out.cols(); ++c) out(r, c) = 1.0F;
+  for (const int c : unlit.cols)
+    for (int r = 0; r < out.rows(); ++r) out(r, c) = 1.0F;
+  return out;
+}
+
 UnlitLines ResponseAccumulator::unlit_lines() const {
   MALUS_REQUIRE(channels_without().empty());
   constexpr double kOfLight = 0.05;
   const std::vector<double> mean = channel_means(sum_, geometry_);
+  if (std::ranges::any_of(mean, [](double light) { return !(light > 0); })) return {};
   std::vector<double> of_row(as_index(sum_.rows()), 0.0), of_col(as_index(sum_.cols()), 0.0);
   for (int r = 0; r < sum_.rows(); ++r)
     for (int c = 0; c < sum_.cols(); ++c) {

@@ -258,7 +258,7 @@ void warn_of_unlit_lines(const UnlitLines& unlit, PhysicsCalibration& out) {
   if (parts.empty()) return;
   out.warnings.push_back(fmt::format(
       "{} see no light in the flats, numbered from 0: masked by the sensor (optical black), or "
-      "lost? PRNU and the light's profile are wrong beside them; crop all frames to the lit part",
+      "lost? They count as defects; crop all frames to the lit part",
       joined(parts, " and ")));
 }
 

@@ -39,8 +39,10 @@ class LightProfile {
   };
   /// Variance from frame to frame of one band's mean light, once frames have one mean.
   double band_variance_dn2(const Bands& bands, std::size_t band, FrameAlignment alignment) const;
+  bool is_lit(const Bands& bands, std::size_t band) const;
+  /// lit: bands that count, added up.
   double excess_dn2(const Bands& bands, double variance_dn2, FrameAlignment alignment,
-                    double& standard_error_dn2) const;
+                    double& standard_error_dn2, int& lit) const;
   double all_pixels() const { return static_cast<double>(geometry_.rows()) * geometry_.cols(); }
   const MosaicGeometry geometry_;
   std::vector<double> dark_dn_;

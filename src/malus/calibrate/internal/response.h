@@ -41,7 +41,8 @@ struct LevelResponse {
   double variance = 0, standard_error = 0;
 };
 
-/// Rows and columns of the sensor that see less than a twentieth of the light: masked ones.
+/// Rows and columns of the sensor that see less than a twentieth of the light: masked ones. None
+/// where a channel sees none.
 struct UnlitLines {
   std::vector<int> rows, cols;  ///< rising, from 0
 };
@@ -71,6 +72,7 @@ class ResponseAccumulator {
     std::vector<double> scale, error_dn2, doubt_dn2;  ///< per channel; scale: sum over the levels
     int frames = 1;
   };
+  Image with_unlit_lines() const;  ///< left_out_
   double row_noise_left_over(int channel, const Image& light, const FrameRowNoise& rows) const;
   MosaicGeometry geometry_;
   Image sum_;
