@@ -49,6 +49,25 @@ TEST(LightProfile, FindsWhatBandsOfLightAdd) {
               0.1 * truth);
 }
 
+// Masked rows and columns have next to no light, of which their noise is a large share.
+TEST(LightProfile, LinesWithoutLightAreNotCompared) {
+  constexpr int kSize = 128, kMasked = 8;
+  constexpr double kNoise = 20;
+  LightProfile profile(MosaicGeometry(SensorLayout(), kSize, kSize, 1), {80});
+  for (std::uint32_t f = 0; f < 8; ++f) {
+    Image frame = testing::white_noise(kSize, kSize, 6, f, kNoise);
+    for (int r = 0; r < kSize; ++r)
+      for (int c = 0; c < kSize; ++c)
+        frame(r, c) += r < kMasked || c >= kSize - kMasked ? 80.0F : 1080.0F;
+    profile.add(frame);
+  }
+  const LightChange change = profile.change(kNoise * kNoise, FrameAlignment::kMultiplicative);
+  EXPECT_EQ(change.row_bands, 30);  // two of 32 are masked
+  EXPECT_EQ(change.column_bands, 30);
+  EXPECT_LT(std::abs(change.rows_dn2), 4 * change.rows_stderr_dn2);
+  EXPECT_LT(std::abs(change.columns_dn2), 4 * change.columns_stderr_dn2);
+}
+
 // Light that is lost in the error of a frame's mean tells no share of itself: of such flats more
 // than half had been told to change by thousands of per cent.
 TEST(LightProfile, DimLightThatIsConstantDoesNotChange) {
