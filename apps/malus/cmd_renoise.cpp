@@ -38,7 +38,8 @@ struct RenoiseArguments {
   bool as_float = false;
 };
 
-// The clean signal as a denoiser sees it: only the noise level is taken from it.
+// The clean signal as a denoiser sees it: only the noise level is taken from it. It keeps the fixed
+// pattern, which both gains have: a pixel's shot noise is that of what it collects itself.
 Image guide_of(const RenoiseArguments& arguments, std::size_t index, const RawFrame& frame,
                const NoiseModel& model, const GainSetting& gain, Progress& progress) {
   if (arguments.guides.empty()) {

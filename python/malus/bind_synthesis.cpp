@@ -139,7 +139,7 @@ void warn_of_nonfinite(const Image& dn, const std::string& source, std::string_v
     progress.warn(complaint);
 }
 
-// The clean signal of the frame as a denoiser sees it.
+// The clean signal of the frame as a denoiser sees it, with its fixed pattern, as the program's.
 Image guide_from(const py::object& guide, const RawFrame& frame, const NoiseModel& model,
                  const GainSetting& gain, Progress& progress) {
   if (guide.is_none()) {

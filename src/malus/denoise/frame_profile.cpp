@@ -54,7 +54,9 @@ bool any_pattern(const std::vector<PatternDeviation>& deviations) {
                              [](const PatternDeviation& d) { return d.prnu > 0 || d.dsnu_dn > 0; });
 }
 
-// is_taken_out: whether denoising will take out what the frame shows of the profile's maps.
+// is_taken_out: whether denoising will take out what the frame shows of the profile's maps. By
+// shares of its own: preparation asks again, of pixels without defects, weighted by the noise that
+// is added here.
 void count_pattern(NoiseProfile& profile, const RawFrame& frame, const NoiseModel& model,
                    const GainSetting& gain, bool is_taken_out) {
   std::vector<PatternDeviation> deviations = pattern_deviations_at(model, gain, profile);

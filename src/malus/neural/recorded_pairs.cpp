@@ -222,6 +222,7 @@ class CapturedPairs final : public PairSource {
     if (clean.size() > 1) pair.clean_rgb_dn = Planes(3, 0, 0);
     for (int k = 0; k < pair.clean_rgb_dn.channels(); ++k)
       pair.clean_rgb_dn[k] = part_of(clean[static_cast<std::size_t>(k) + 1], part);
+    // The reference is of the same pixels: their pattern is in both, no noise between the two.
     pair.profile = denoising_profile(pair.noisy, model_, recorded.gain, gains_);
     pair.ratio = recorded.ratio;
     return pair;
