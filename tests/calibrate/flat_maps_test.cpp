@@ -94,6 +94,21 @@ TEST(ResponsePattern, OfRowsThatDifferIsNotTold) {
   EXPECT_EQ(told, 0);
 }
 
+// Masked lines lie side by side: the response of neighbours was said to be alike.
+TEST(ResponsePattern, OfPixelsWithoutLightIsNotTold) {
+  constexpr int kSize = 128, kMasked = 24;
+  constexpr double kPrnu = 0.01;
+  const MosaicGeometry geometry(SensorLayout(), kSize, kSize, 1);
+  Response response{testing::white_noise(kSize, kSize, 2, 0, kPrnu), {kPrnu}, {0}};
+  for (int r = kMasked; r < kSize; ++r)
+    for (int c = kMasked; c < kSize; ++c) response.map(r, c) += 1;
+  const ResponsePattern found = response_pattern(response, geometry);
+  EXPECT_LT(std::abs(found.neighbours), 4 * found.neighbours_stderr);
+  PhysicsCalibration out;
+  warn_of_response(found, SensorLayout(), out);
+  EXPECT_TRUE(out.warnings.empty());
+}
+
 // PRNU in a light of this place, from -1 to 1 down and across.
 template <class Light>
 double prnu_in(const char* layout, int rows, int cols, double prnu, const Light& light) {

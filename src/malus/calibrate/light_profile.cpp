@@ -55,10 +55,9 @@ void LightProfile::add(View<const float> dn) {
 
 // Masked rows and columns have no light to change, and by theirs noise would be divided.
 bool LightProfile::is_lit(const Bands& bands, std::size_t band) const {
-  constexpr double kOfLight = 0.05;
   double sum = 0;
   for (const std::vector<double>& frame : bands.sums_dn) sum += frame[band];
-  return sum / bands.pixels[band] > kOfLight * light_ / all_pixels();
+  return sum / bands.pixels[band] >= kUnlitShare * light_ / all_pixels();
 }
 
 double LightProfile::band_variance_dn2(const Bands& bands, std::size_t band,

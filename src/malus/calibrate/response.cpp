@@ -4,6 +4,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/calibrate/internal/light_polynomial.h"
+#include "malus/calibrate/internal/light_profile.h"
 #include "malus/calibrate/internal/line_response.h"
 #include "malus/calibrate/internal/pixel_location.h"
 #include "malus/calibrate/internal/response_window.h"
@@ -313,7 +314,6 @@ Image ResponseAccumulator::with_unlit_lines() const {
 
 UnlitLines ResponseAccumulator::unlit_lines() const {
   MALUS_REQUIRE(channels_without().empty());
-  constexpr double kOfLight = 0.05;
   const std::vector<double> mean = channel_means(sum_, geometry_);
   if (std::ranges::any_of(mean, [](double light) { return !(light > 0); })) return {};
   std::vector<double> of_row(as_index(sum_.rows()), 0.0), of_col(as_index(sum_.cols()), 0.0);
@@ -325,9 +325,9 @@ UnlitLines ResponseAccumulator::unlit_lines() const {
     }
   UnlitLines unlit;
   for (int r = 0; r < sum_.rows(); ++r)
-    if (of_row[as_index(r)] < kOfLight) unlit.rows.push_back(r);
+    if (of_row[as_index(r)] < kUnlitShare) unlit.rows.push_back(r);
   for (int c = 0; c < sum_.cols(); ++c)
-    if (of_col[as_index(c)] < kOfLight) unlit.cols.push_back(c);
+    if (of_col[as_index(c)] < kUnlitShare) unlit.cols.push_back(c);
   return unlit;
 }
 

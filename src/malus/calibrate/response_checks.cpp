@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/calibrate/internal/light_profile.h"
 #include "malus/calibrate/internal/line_means.h"
 #include "malus/calibrate/internal/pixel_location.h"
 
@@ -114,13 +115,15 @@ Classes classes_of(const Image& map, const MosaicGeometry& geometry, int channel
 }
 
 // Products of next pixels of a channel, without the means of classes, rows and columns (gains of
-// their own are no picture); far ones are cut, for a defect is none either.
+// their own are no picture); far ones are cut, for a defect is none either, and those without light
+// are left out: masked lines lie side by side.
 void add_products(const Image& map, const MosaicGeometry& geometry, int channel,
                   const Classes& classes, Moments& products) {
   const double rest = std::max(classes.variance - classes.between(kPeriod), 0.0);
   const double most = 4.0 * std::sqrt(rest);
   const int down = geometry.cell_rows(), right = geometry.cell_cols();
   const auto value = [&](int r, int c, int row, int col) {
+    if (map(row, col) < kUnlitShare) return 0.0;
     return std::clamp(map(row, col) - classes.mean[Classes::at(r, c)], -most, most);
   };
   LineMeans rows(geometry.channel_rows(channel)), cols(geometry.channel_cols(channel));

@@ -11,6 +11,9 @@
 
 namespace malus {
 
+/// Rows and columns that see less than this share of the frame's mean light are masked ones.
+inline constexpr double kUnlitShare = 0.05;
+
 /// What light that changes from frame to frame adds to a pixel's temporal variance; row and column
 /// noise included, but not in the standard errors, which are those of the pixels' noise.
 struct LightChange {

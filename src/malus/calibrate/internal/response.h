@@ -41,7 +41,7 @@ struct LevelResponse {
   double variance = 0, standard_error = 0;
 };
 
-/// Rows and columns of the sensor that see less than a twentieth of the light: masked ones. None
+/// Rows and columns of the sensor that see less than kUnlitShare of the light: masked ones. None
 /// where a channel sees none.
 struct UnlitLines {
   std::vector<int> rows, cols;  ///< rising, from 0
