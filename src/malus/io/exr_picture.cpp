@@ -1,13 +1,12 @@
 #include "malus/io/internal/exr_picture.h"
 
 #include "malus/base/error.h"
-#include "malus/io/internal/file_bytes.h"
+#include "malus/io/internal/exr_check.h"
 #include "malus/io/internal/picture_faults.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fstream>
 #include <string_view>
 #include <tuple>
 
@@ -42,45 +41,6 @@ bool comes_before(const std::string& a, const std::string& b) {
     return std::tuple(layer, std::find(kFirst.begin(), kFirst.end(), last) - kFirst.begin(), last);
   };
   return rank(a) < rank(b);
-}
-
-std::uint64_t place_in(std::istream& in) { return static_cast<std::uint64_t>(in.tellg()); }
-
-std::uint32_t number_in(std::istream& in) {
-  std::array<std::uint8_t, 4> bytes{};
-  in.read(reinterpret_cast<char*>(bytes.data()), bytes.size());
-  return load_number<std::uint32_t>(bytes, 0, false);
-}
-
-// Whether texts, each behind its length, end where their attribute does.
-bool texts_fit(std::istream& in, std::uint64_t end) {
-  while (in && place_in(in) < end) {
-    const std::uint64_t length = number_in(in);
-    if (!in || place_in(in) + length > end) return false;
-    in.seekg(static_cast<std::streamoff>(length), std::ios::cur);
-  }
-  return true;
-}
-
-// OpenEXR takes the memory that a value claims to need before it reads the value: 2 GB for a
-// damaged length. Headers are names, types, lengths and values; an empty name ends each, and a
-// second one those of a file of several parts.
-void check_headers(const fs::path& path, std::uintmax_t file_bytes) {
-  constexpr std::uint32_t kSeveralParts = 0x1000;
-  std::ifstream in(path, std::ios::binary);
-  in.seekg(4);
-  const bool several = (number_in(in) & kSeveralParts) != 0;
-  bool after_header = false;
-  for (std::string name, type; std::getline(in, name, '\0');) {
-    if (name.empty() && (!several || after_header)) return;
-    after_header = name.empty();
-    if (name.empty()) continue;
-    std::getline(in, type, '\0');
-    const std::uint64_t length = number_in(in), end = place_in(in) + length;
-    if (!in || end > file_bytes || (type == "stringvector" && !texts_fit(in, end)))
-      unreadable_picture(path, "it ends inside its header");
-    in.seekg(static_cast<std::streamoff>(end));
-  }
 }
 
 void check_part(const fs::path& path, const Imf::MultiPartInputFile& file) {
@@ -178,7 +138,7 @@ void write_halves(Imf::OutputFile& file, std::span<const Image> planes,
 }  // namespace
 
 Decoded read_exr(const fs::path& path, std::uintmax_t file_bytes, bool pixels) try {
-  check_headers(path, file_bytes);
+  check_exr(path, file_bytes);
   Imf::MultiPartInputFile file(path.c_str(), kNoThreads);
   check_part(path, file);
   const Imf::Header& header = file.header(0);

@@ -7,6 +7,7 @@ set(io_SOURCES
   dng_noise.cpp
   emva_description.cpp
   exif.cpp
+  exr_check.cpp
   exr_picture.cpp
   file_bytes.cpp
   fits.cpp

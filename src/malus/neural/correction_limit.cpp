@@ -10,7 +10,7 @@
 namespace malus {
 namespace {
 
-constexpr int kCellSide = 4;  // of a cell
+constexpr int kCellSide = 4;
 // Corrections that help are smaller than this share of what is stated of the guide: measured
 // (docs/networks.md).
 constexpr double kMostOfStated = 0.3;
