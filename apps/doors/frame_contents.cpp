@@ -21,7 +21,7 @@ namespace {
 StatedLevels with_true_black(const RawFrame& told, const FrameOptions& options,
                              FloatBlack float_black) {
   const bool tells_above = told.black_known && mean_of(told.black_dn) == 0;
-  if (options.black_dn.empty() || told.bits > 0 || (told.black_known && !tells_above) ||
+  if (options.black_dn.empty() || told.holds_codes() || (told.black_known && !tells_above) ||
       (float_black == FloatBlack::kHolds && !tells_above))
     return {options, {}};
   StatedLevels levels{options, {}};
@@ -107,7 +107,7 @@ std::string nonfinite_light_complaint(std::int64_t count, std::size_t pixels,
 }
 
 std::vector<float> take_as_light(RawFrame& frame) {
-  if (frame.bits == 0) frame.black_known = true;
+  if (!frame.holds_codes()) frame.black_known = true;
   const std::vector<float> saturated_dn = saturation_dn(frame);
   subtract_black(frame);
   return saturated_dn;

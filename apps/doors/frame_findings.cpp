@@ -108,6 +108,7 @@ nlohmann::ordered_json findings_json(const Findings& findings) {
                {"white", frame.white_dn},
                {"white_known", frame.white_known},
                {"exposure_s", number_or_null(frame.exposure_s)},
+               {"mean_of", frame.mean_of},
                {"nonfinite_pixels", nonfinite_pixels(findings)}};
   json.update(gain_json(frame.gain));
   json.update(channel_columns(findings.channels));

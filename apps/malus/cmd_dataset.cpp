@@ -112,7 +112,7 @@ class CleanSources {
     for (const fs::path& path : plan.cleans) {
       options_.push_back(options_in_layout(declared, model.layout, path));
       const FrameInfo info = probe_frame(path, options_.back());
-      if (info.frame.bits > 0 && !info.frame.black_known)
+      if (info.frame.holds_codes() && !info.frame.black_known)
         throw InputError(path.string(), "holds integers, but its black level is not known",
                          "give black in the configuration (0 where black is subtracted already)");
       require_room(path.string(), info.rows, info.cols, plan.dataset, model.layout);
@@ -124,7 +124,7 @@ class CleanSources {
     const std::lock_guard lock(mutex_);
     if (const auto found = held_.find(index); found != held_.end()) return found->second;
     RawFrame frame = load_frame(plan_.cleans[index], options_[index]);
-    if (frame.bits > 0) subtract_black(frame);  // float files hold DN above black already
+    if (frame.holds_codes()) subtract_black(frame);  // float files hold DN above black already
     require_finite(frame.dn, plan_.cleans[index].string());
     if (held_pixels_ > kMostPixels) {
       held_.clear();

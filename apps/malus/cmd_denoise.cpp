@@ -217,6 +217,7 @@ class DenoiseRun {
               {"layout", run.frame.layout.name()},
               {"channels", run.frame.layout.channel_names()},
               {"gain", run.frame.gain.text()},
+              {"mean_of", run.frame.mean_of},
               {"settings", settings_json(arguments_.settings)},
               {"noise", choice.origin},
               {"noise_estimated_from_picture", choice.profile.estimated_from_picture},

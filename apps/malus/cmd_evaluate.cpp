@@ -102,7 +102,8 @@ Subject load_subject(const fs::path& path, const RawOptions& raw, const FrameOpt
 // that is not true of one of a pair, it shows.
 void check_black_of_floats(const fs::path& path, const Subject& subject, const Subject& other,
                            double black_dn) {
-  if (subject.picture || other.picture || subject.frame.bits > 0 || other.frame.bits == 0) return;
+  if (subject.picture || other.picture || subject.frame.holds_codes() || !other.frame.holds_codes())
+    return;
   warn_of_held_black(path, finite_mean(subject.frame.dn.view()), finite_mean(other.frame.dn.view()),
                      black_dn, "subtract it first");
 }

@@ -59,6 +59,7 @@ std::string findings_text(const Findings& findings) {
   line("layout", frame.layout.name() + origin(frame.layout_known));
   line("black", black_text(frame) + origin(frame.black_known));
   line("white", fmt::format("{:g} DN{}", frame.white_dn, origin(frame.white_known)));
+  if (frame.mean_of > 1) line("mean of", fmt::format("{} frames", frame.mean_of));
   line("gain", frame.gain.text());
   line("exposure", frame.exposure_s ? fmt::format("{:g} s", *frame.exposure_s) : "unknown");
   line("layout check", layout_check_text(findings));

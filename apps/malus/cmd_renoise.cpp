@@ -3,6 +3,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/frame_profile.h"
+#include "malus/image/frame_mean.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/model.h"
@@ -65,6 +66,7 @@ RawFrame load_noisy(const RenoiseArguments& arguments, const fs::path& input,
                                               arguments.raw.float_black()));
   require_raw(input.string(), info.holds, "give the raw frame");
   RawFrame& frame = info.frame;
+  require_single(frame);
   require_gain(frame, from, "--from");
   if (shows_noisy_frame(arguments.settings.method, !arguments.guides.empty()))
     check_finite(frame.dn, frame.source, fate_of_nonfinite(arguments.as_float));
@@ -191,7 +193,7 @@ void add_renoise(CLI::App& app, Common& common) {
             ->check(in_range(info.minimum, info.maximum))
             ->capture_default_str();
   });
-  arguments->raw.add_to(*command, false);
+  arguments->raw.add_to(*command, {.gain = false, .means = false});
 }
 
 }  // namespace malus::app

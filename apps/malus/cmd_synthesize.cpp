@@ -63,12 +63,12 @@ Image load_clean(const fs::path& path, const SynthesizeArguments& arguments,
                  const SensorLayout& layout) {
   RawFrame frame = load_frame(path, arguments.raw.resolve());
   take_layout_of_model(frame, layout);
-  if (frame.bits > 0 && !frame.black_known)
+  if (frame.holds_codes() && !frame.black_known)
     throw InputError(path.string(), "holds integers, but its black level is not known",
                      "give --black (0 where black is subtracted already)");
   check_finite(frame.dn, path.string(), fate_of_nonfinite(arguments.as_float));
   // Float files hold DN above black already: --black is that of integers.
-  if (frame.bits > 0)
+  if (frame.holds_codes())
     subtract_black(frame);
   else if (arguments.raw.float_black() == FloatBlack::kHolds && mean_of(frame.black_dn) != 0)
     warn(fmt::format("{}: clean float pixels are DN above black; --black is not subtracted",
@@ -314,7 +314,7 @@ void add_synthesize(CLI::App& app, Common& common) {
   command->add_option("--format", arguments->format, "ending of the results")
       ->check(one_of({"tif", "png", "fits", "npy", "exr"}))
       ->capture_default_str();
-  arguments->raw.add_to(*command, false);
+  arguments->raw.add_to(*command, {.gain = false});
   add_flags(*command, arguments->settings);
   arguments->kind = command->get_option("--kind");
 }

@@ -14,9 +14,9 @@ namespace malus::app {
 #define MALUS_COMMANDS(command)                                                              \
   command(info) MALUS_CAPTURE_COMMAND(command) command(calibrate) command(model)             \
       command(synthesize) command(renoise) command(simulate) command(pairs) command(dataset) \
-          command(train) command(denoise) command(stokes) command(normals) command(evaluate) \
-              command(report) command(experiment) command(bench) command(session_from_emva)  \
-                  command(manual)
+          command(train) command(average) command(denoise) command(stokes) command(normals)  \
+              command(evaluate) command(report) command(experiment) command(bench)           \
+                  command(session_from_emva) command(manual)
 
 #define MALUS_DECLARE(name) void add_##name(CLI::App& app, Common& common);
 MALUS_COMMANDS(MALUS_DECLARE)

@@ -143,7 +143,7 @@ void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_
   } else if (!known.black_known) {
     options.black_dn = before.black_dn;
     const double black = mean_of(before.black_dn);
-    if (known.bits > 0 && black != 0 && !black_stated)
+    if (known.holds_codes() && black != 0 && !black_stated)
       warn(
           fmt::format("{}: black level not known, taken as the frame's, {:g} DN; give its own by "
                       "--reference-black (0 where black is subtracted already)",
@@ -156,7 +156,7 @@ void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_
                                  clean.dn.rows(), before.dn.cols(), before.dn.rows()),
                      "give the same scene's clean mosaic");
   require_whole_cell(clean.dn, clean.layout, path.string());
-  if (clean.bits == 0 && !known.black_known && !reference.black_dn)
+  if (!known.holds_codes() && !known.black_known && !reference.black_dn)
     warn_of_held_black(path, finite_mean(clean.dn.view()),
                        reference.ratio * (finite_mean(before.dn.view()) - mean_of(before.black_dn)),
                        mean_of(before.black_dn), "give --reference-black");

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/neural/noise_flow_file.h"
 #include "malus/noise/model.h"
 
 #include <algorithm>

@@ -248,7 +248,7 @@ void add_renoise_experiment(CLI::App& experiment, Common& common) {
   command->add_option("--weak-guide", arguments->weak_guide, "a denoising method to compare with")
       ->check(accepted_by(require_method))
       ->capture_default_str();
-  arguments->raw.add_to(*command, false);
+  arguments->raw.add_to(*command, {.gain = false, .means = false});
 }
 
 }  // namespace malus::app

@@ -72,7 +72,7 @@ void add_model_from_dng(CLI::App& model, Common& common) {
                   {.force = true}, [arguments, &common] { run_from_dng(*arguments, common); });
   command->add_option("FRAME", arguments->frame, "DNG frame; its gain is the model's")->required();
   command->add_option("-o,--output", arguments->model, "model file to write")->required();
-  arguments->raw.add_to(*command);
+  arguments->raw.add_to(*command, {.means = false});
 }
 
 }  // namespace malus::app

@@ -12,7 +12,7 @@
 
 namespace malus::app {
 
-void RawOptions::add_to(CLI::App& command, bool with_gain) {
+void RawOptions::add_to(CLI::App& command, With with) {
   const std::string group = "Raw input (each wins over the file and the session)";
   command
       .add_option("--layout", layout_,
@@ -29,7 +29,7 @@ void RawOptions::add_to(CLI::App& command, bool with_gain) {
   command.add_option("--white", white_dn_, "saturation, black level included [DN]")
       ->check(positive_number())
       ->group(group);
-  if (with_gain) {
+  if (with.gain) {
     auto* gain = command.add_option("--gain", gain_db_, "camera gain [dB]")
                      ->check(finite_number())
                      ->group(group);
@@ -41,6 +41,13 @@ void RawOptions::add_to(CLI::App& command, bool with_gain) {
   command.add_option("--exposure", exposure_s_, "exposure time [s]")
       ->check(positive_number())
       ->group(group);
+  if (with.means)
+    command
+        .add_option("--mean-of", mean_of_,
+                    "every RAW is the mean of as many frames of a scene that stood still, black "
+                    "level included")
+        ->check(in_range(1, kMostAveraged))
+        ->group(group);
   command
       .add_option("--raw-format", raw_format_,
                   fmt::format("headerless input: {}", joined(raw_format_names())))
@@ -60,6 +67,7 @@ FrameOptions RawOptions::resolve() const {
   options.white_dn = white_dn_;
   options.gain = {gain_db_, iso_};
   options.exposure_s = exposure_s_;
+  options.mean_of = mean_of_;
   if (!raw_format_.empty()) options.raw_format = raw_format_named(raw_format_);
   if (!size_.empty()) std::tie(options.rows, options.cols) = parse_frame_size(size_);
   if (session_.empty()) return options;

@@ -14,11 +14,17 @@
 
 namespace malus::app {
 
-/// --layout --black --white --gain --iso --exposure --raw-format --size --session. Keep the object
-/// alive as long as the command; with_gain = false where the command has its own --gain.
+/// --layout --black --white --gain --iso --exposure --mean-of --raw-format --size --session. Keep
+/// the object alive as long as the command.
 class RawOptions {
  public:
-  void add_to(CLI::App& command, bool with_gain = true);
+  /// Which of the flags mean something to a command: not a gain where it has its own, nor means of
+  /// frames where the noise of one counts.
+  struct With {
+    bool gain = true, means = true;
+  };
+  void add_to(CLI::App& command) { add_to(command, With()); }
+  void add_to(CLI::App& command, With with);
   /// Flags over the session's [sensor]; throws InputError.
   FrameOptions resolve() const;
   /// Where a command has one kind of input: files hold what the flag (not the session) says.
@@ -31,6 +37,7 @@ class RawOptions {
   std::string layout_, raw_format_, size_;
   std::vector<double> black_dn_;
   std::optional<double> white_dn_, gain_db_, iso_, exposure_s_;
+  std::optional<int> mean_of_;
   std::filesystem::path session_;
 };
 

@@ -39,6 +39,7 @@ class Frame:
         gain_db: float | None = None,
         iso: float | None = None,
         exposure_s: float | None = None,
+        mean_of: int = 1,
     ) -> None: ...
     @property
     def dn(self) -> Floats: ...
@@ -56,6 +57,8 @@ class Frame:
     def iso(self) -> float | None: ...
     @property
     def exposure_s(self) -> float | None: ...
+    @property
+    def mean_of(self) -> int: ...
     @property
     def source(self) -> str: ...
 
@@ -202,7 +205,9 @@ def load_frame(
     *,
     raw_format: str | None = None,
     size: tuple[int, int] | None = None,
+    mean_of: int | None = None,
 ) -> Frame: ...
+def average(frames: list[Frame]) -> Frame: ...
 def calibrate(
     session: Session | str | PathLike[str] | Sequence[FrameSet],
     kinds: str | Sequence[str] = ("physics",),

@@ -3,6 +3,7 @@
 #include "malus/base/text.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/warnings_of_gains.h"
+#include "malus/image/frame_mean.h"
 #include "malus/io/session.h"
 
 #include <algorithm>
@@ -107,6 +108,7 @@ RawFrame frame_of_set(const ArraySet& held, const ArraySensor& sensor, int i) {
   if (const HeldFrame* own = held_frame(given)) {
     frame = *own;
     require_settings_of_set(frame, held, i);
+    if (held.set.kind != FrameKind::kReference) require_single(frame);
     take_told(sensor.told, frame);
   } else {
     frame = frame_of_array(given, "frames", sensor.told);

@@ -1,5 +1,6 @@
 // Frames and sessions.
 #include "malus/base/error.h"
+#include "malus/image/frame_mean.h"
 #include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/session.h"
@@ -38,13 +39,21 @@ FrameOptions options_of(const std::optional<std::string>& layout, const Black& b
   return options;
 }
 
+void require_frames(int mean_of) {
+  if (mean_of < 1 || mean_of > kMostAveraged)
+    throw InputError("mean_of", fmt::format("{} is no number of frames", mean_of),
+                     fmt::format("give 1 to {}", kMostAveraged));
+}
+
 HeldFrame held(FrameInfo info) { return {std::move(info.frame), std::move(info.holds)}; }
 
 HeldFrame load(const std::filesystem::path& path, const std::optional<std::string>& layout,
                const Black& black, const std::optional<double>& white,
                const std::optional<std::string>& raw_format,
-               const std::optional<std::pair<int, int>>& size) {
-  const FrameOptions options = options_of(layout, black, white, raw_format, size);
+               const std::optional<std::pair<int, int>>& size, const std::optional<int>& mean_of) {
+  FrameOptions options = options_of(layout, black, white, raw_format, size);
+  if (mean_of) require_frames(*mean_of);
+  options.mean_of = mean_of;
   HeldFrame frame;
   app::StatedLevels levels;
   {
@@ -100,10 +109,11 @@ std::string gain_text(const GainSetting& gain) {
 
 std::string summary_of(const RawFrame& f) {
   const auto [low, high] = std::minmax_element(f.black_dn.begin(), f.black_dn.end());
-  return fmt::format("<malus.Frame {}: {}x{} {}, black {:g}{}, white {:g} DN{}{}>", f.source,
+  return fmt::format("<malus.Frame {}: {}x{} {}, black {:g}{}, white {:g} DN{}{}{}>", f.source,
                      f.dn.cols(), f.dn.rows(), f.layout.name(), *low,
                      *low < *high ? fmt::format(" to {:g}", *high) : "", f.white_dn,
-                     gain_text(f.gain), exposure_text(f.exposure_s));
+                     gain_text(f.gain), exposure_text(f.exposure_s),
+                     f.mean_of > 1 ? fmt::format(", mean of {}", f.mean_of) : "");
 }
 
 std::string summary_of(const FrameGroup& g) {
@@ -148,12 +158,31 @@ HeldFrame load_of_session(const Session& session, const WhichGroup& which, std::
 HeldFrame frame_from_array(const py::object& dn, const std::optional<std::string>& layout,
                            const Black& black, const std::optional<double>& white,
                            const std::optional<double>& gain_db, const std::optional<double>& iso,
-                           const std::optional<double>& exposure_s) {
+                           const std::optional<double>& exposure_s, int mean_of) {
+  require_frames(mean_of);
   HeldFrame frame{frame_of_array(dn, "dn", {layout, black, white})};
+  frame.mean_of = mean_of;
   const CameraSettings settings = settings_given(gain_db, iso, exposure_s, true);
   frame.gain = settings.gain;
   frame.exposure_s = settings.exposure_s;
   return frame;
+}
+
+// Frames one by one: an iterator may load them as they are asked for.
+HeldFrame average(const py::list& frames) {
+  constexpr std::size_t kLeast = 2;
+  if (frames.size() < kLeast)
+    throw InputError("frames", fmt::format("are {}", frames.size()), "give two or more of a scene");
+  SceneMean mean(static_cast<int>(frames.size()));
+  for (const py::handle& given : frames) {
+    const auto object = py::reinterpret_borrow<py::object>(given);
+    const HeldFrame* frame = held_frame(object);
+    if (!frame) throw py::type_error("average takes a list of Frames");
+    require_raw(object, "give the raw frames");
+    const py::gil_scoped_release release;
+    mean.add(*frame);
+  }
+  return {mean.take()};
 }
 
 // The names of a cell's sites: a session may describe one that has no name.
@@ -168,7 +197,7 @@ py::tuple state_of_frame(const py::object& self) {
   const auto& f = self.cast<const HeldFrame&>();
   return py::make_tuple(self.attr("dn"), sites_of(f.layout), f.black_dn, f.white_dn, f.gain.gain_db,
                         f.gain.iso, f.exposure_s, f.bits, f.black_known, f.white_known,
-                        f.layout_known, f.file_layout, text_of_path(f.source), f.holds);
+                        f.layout_known, f.file_layout, text_of_path(f.source), f.holds, f.mean_of);
 }
 
 HeldFrame frame_of_state(const py::tuple& state) {
@@ -188,6 +217,7 @@ HeldFrame frame_of_state(const py::tuple& state) {
   f.file_layout = state[i++].cast<std::string>();
   f.source = state[i++].cast<std::filesystem::path>().string();
   f.holds = state[i++].cast<std::string>();
+  f.mean_of = state[i++].cast<int>();
   return f;
 }
 
@@ -229,7 +259,7 @@ void bind_frame(py::module_& m) {
       .def(py::init(&frame_from_array), py::arg("dn"), py::arg("layout") = py::none(),
            py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
            py::arg("gain_db") = py::none(), py::arg("iso") = py::none(),
-           py::arg("exposure_s") = py::none(),
+           py::arg("exposure_s") = py::none(), py::arg("mean_of") = 1,
            "A frame of an array.\n\n"
            "dn: [row, column] in DN, black included. layout: name of the mosaic layout (mono if "
            "left out).\n"
@@ -237,7 +267,9 @@ void bind_frame(py::module_& m) {
            "one dimension [DN]; not known if left out, taken as 0.\n"
            "white: saturation, black included [DN]; if left out that of integers' type, of float "
            "pixels the largest.\n"
-           "gain_db or iso, exposure_s [s]: how it was taken, where that is known.\n\n"
+           "gain_db or iso, exposure_s [s]: how it was taken, where that is known.\n"
+           "mean_of: of how many frames of a scene that stood still it is the mean (black "
+           "included): a model's noise is less in it.\n\n"
            "Throws InputError for an unknown layout, black levels that are not one per channel or "
            "not below white, and a gain or exposure that is none; TypeError for what is no array "
            "of numbers.")
@@ -257,6 +289,7 @@ void bind_frame(py::module_& m) {
       .def_property_readonly(
           "iso", [](const HeldFrame& f) { return f.gain.iso; }, "gain as ISO, or None")
       .def_readonly("exposure_s", &RawFrame::exposure_s, "exposure time, s, or None")
+      .def_readonly("mean_of", &RawFrame::mean_of, "frames of one scene whose mean it is, mostly 1")
       .def_property_readonly(
           "source", [](const HeldFrame& f) { return text_of_path(f.source); },
           "the file it came from")
@@ -321,28 +354,39 @@ void bind_frames(py::module_& m) {
       "column), FITS cube) their names, stack.tif[0] and on, which load_frame and info take; else "
       "the path itself. Only headers are read.");
   m.def(
-      "info", &info, py::arg("raw"), py::arg("layout") = py::none(), py::arg("black") = py::none(),
-      py::arg("white") = py::none(), py::kw_only(), py::arg("raw_format") = py::none(),
-      py::arg("size") = py::none(),
-      "What `malus info --json` tells of a frame: the path of one (other arguments as load_frame "
-      "takes them; of a stack the first frame, or the one that is named), a Frame, or an "
-      "array.\n\n"
-      "dict of layout, black, white and whether each is known or assumed, bits, frames_in_file, "
-      "exposure_s, "
-      "gain_db, iso; per channel mean, minimum, maximum [DN], saturated_share, below_black_share, "
-      "noise_sd [DN, None where the scene decides nothing]; value_grid (how integers fill their "
-      "type), layout_check (as check_layout, and the declared pairing), nonfinite_pixels, "
-      "warnings: what speaks against the levels or the layout.");
+      "average", &average, py::arg("frames"),
+      "The mean of a list of Frames of a scene that stood still, taken alike, as a Frame that "
+      "knows its mean_of: what denoise and stokes make of a model's noise in it. Black level "
+      "included; a pixel that is saturated in more than a tenth of them is at white. `malus "
+      "average` does the same of files, and says whether the scene moved.\n\n"
+      "Throws InputError where size, layout, levels, gain or exposure differ, for a mean, and for "
+      "a file that is denoised.");
+  m.def("info", &info, py::arg("raw"), py::arg("layout") = py::none(),
+        py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
+        py::arg("raw_format") = py::none(), py::arg("size") = py::none(),
+        "What `malus info --json` tells of a frame: the path of one (other arguments as load_frame "
+        "takes them; of a stack the first frame, or the one that is named), a Frame, or an "
+        "array.\n\n"
+        "dict of layout, black, white and whether each is known or assumed, bits, frames_in_file, "
+        "exposure_s, "
+        "mean_of, gain_db, iso; per channel mean, minimum, maximum [DN], saturated_share, "
+        "below_black_share, "
+        "noise_sd [DN, None where the scene decides nothing]; value_grid (how integers fill their "
+        "type), layout_check (as check_layout, and the declared pairing), nonfinite_pixels, "
+        "warnings: what speaks against the levels or the layout.");
   m.def("load_frame", &load, py::arg("path"), py::arg("layout") = py::none(),
         py::arg("black") = py::none(), py::arg("white") = py::none(), py::kw_only(),
         py::arg("raw_format") = py::none(), py::arg("size") = py::none(),
+        py::arg("mean_of") = py::none(),
         "Reads TIFF, PNG, BMP, PGM, EXR, FITS, .npy or camera raw into a Frame: DN exactly as "
         "stored. One frame of a stack is named stack.tif[3], counted from 0. layout, black (one "
         "number, or one per channel), white [DN] win over what the file "
         "says, but that floats are above black already, and where a denoised file is saturated, is "
         "believed, with a warning. A headerless file needs raw_format (mono8, mono10p, mono12p, "
         "mono12packed, mono16) "
-        "and size=(width, height).");
+        "and size=(width, height). mean_of: of a file that a mean of frames was saved to "
+        "elsewhere, as "
+        "of Frame.");
 }
 
 }  // namespace malus::python

@@ -3,6 +3,7 @@
 #include "malus/base/text.h"
 #include "malus/denoise/denoiser.h"
 #include "malus/denoise/frame_profile.h"
+#include "malus/image/frame_mean.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/synthesize/model_renoiser.h"
@@ -180,6 +181,7 @@ py::array renoise(const py::object& raw, const py::object& model_object, double 
   const NoiseModel& description = model->description();
   require_raw(raw, "give the raw frame");
   RawFrame frame = frame_from(raw, told, &description);
+  require_single(frame);
   PythonProgress progress;
   if (const auto warning = take_levels_of_model(description, frame); !warning.empty())
     progress.warn(frame.source + ": " + warning);

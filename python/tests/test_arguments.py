@@ -29,7 +29,7 @@ def test_the_name_of_a_networks_file_need_not_be_utf8():
     (lambda: malus.denoise(CODES, "mono"), r"denoise takes 1 arguments by place, and 2 are given; name the others"),
     (lambda: malus.load_frame(3), r"path is 3 (int); give a path"),
     (lambda: malus.load_frame("x.tif", laout="mono"),
-     r"unknown keyword argument laout of load_frame; did you mean layout? known: path, layout, black, white, raw_format, size"),
+     r"unknown keyword argument laout of load_frame; did you mean layout? known: path, layout, black, white, raw_format, size, mean_of"),
     (lambda: malus.load_frame("x.tif", path="y.tif"), r"path is given twice to load_frame; leave one out"),
     (lambda: malus.Model(3), r"path is 3 (int); give a path"),
     (lambda: malus.Model(), r"path is missing; give Model a path"),

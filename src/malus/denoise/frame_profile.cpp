@@ -6,6 +6,7 @@
 #include "malus/denoise/internal/pattern_removal.h"
 #include "malus/image/black_levels.h"
 #include "malus/noise/fixed_pattern.h"
+#include "malus/noise/frame_mean.h"
 
 #include <algorithm>
 #include <cmath>
@@ -83,12 +84,16 @@ void count_pattern(NoiseProfile& profile, const RawFrame& frame, const NoiseMode
 NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
                                const GainSetting& gain, GainRange range) {
   require_levels(frame);
-  NoiseProfile apart =
-      with_shown_dark(model.profile_at(gain, range, ColumnNoise::kApart), model, gain);
+  const auto profile_with = [&](ColumnNoise columns) {
+    return mean_of_frames(with_shown_dark(model.profile_at(gain, range, columns), model, gain),
+                          frame.mean_of,
+                          frame.bits > 0 ? MeanValues::kRounded : MeanValues::kExact);
+  };
+  NoiseProfile apart = profile_with(ColumnNoise::kApart);
   if (!apart.has_column_noise() || !(frame.layout == apart.layout) ||
       !shows_less_than_half(frame, apart))
     return apart;
-  return with_shown_dark(model.profile_at(gain, range), model, gain);
+  return profile_with(ColumnNoise::kInPixels);
 }
 
 NoiseProfile raw_profile(const RawFrame& frame, const NoiseModel& model, const GainSetting& gain,

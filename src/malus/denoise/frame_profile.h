@@ -41,10 +41,11 @@ FrameProfile frame_profile(const RawFrame& frame, const NoiseModel& model, const
 NoiseProfile raw_profile(const RawFrame& frame, const NoiseModel& model, const GainSetting& gain,
                          GainRange range = GainRange::kCalibratedOnly, bool fixed_pattern = true);
 
-/// The model's profile without what it knows of single pixels' places: with column noise apart,
-/// unless the frame shows clearly less than half of its deviation. Such a frame is of another state
-/// of the camera, or of synthesis, which draws column noise as noise of pixels. Throws InputError
-/// as NoiseModel::profile_at and require_levels (image/black_levels.h).
+/// The model's profile, of a mean of frames what is left of it (noise/frame_mean.h), without what
+/// it knows of single pixels' places: with column noise apart, unless the frame shows clearly less
+/// than half of its deviation. Such a frame is of another state of the camera, or of synthesis,
+/// which draws column noise as noise of pixels. Throws InputError as NoiseModel::profile_at and
+/// require_levels (image/black_levels.h).
 NoiseProfile denoising_profile(const RawFrame& frame, const NoiseModel& model,
                                const GainSetting& gain,
                                GainRange range = GainRange::kCalibratedOnly);

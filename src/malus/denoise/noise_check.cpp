@@ -184,7 +184,11 @@ std::string noise_complaint(const NoiseCheck& check) {
         "the dark noise: another camera, black level or gain? {}",
         100 * check.below_dark_share, kBelowDeviations, check_settings());
   if (ratio < kFarBelow && check.sd_in_steps > kFewSteps)
-    return numbers + ": another gain or camera, or a frame that was smoothed before; " +
+    return numbers +
+           fmt::format(
+               ": another gain or camera, a frame that was smoothed before, or a mean of "
+               "several ({})? ",
+               setting("mean_of")) +
            check_settings();
   if (ratio > kFarAbove && check.texture_share < kMostTexture)
     return numbers + ", and little of it is texture: another gain or camera? " + check_settings();

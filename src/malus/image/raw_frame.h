@@ -38,6 +38,9 @@ inline std::string gain_prefix(const GainSetting& gain, const std::string& kind 
 /// ln(K) grows by this per dB of gain: ln(10)/20.
 inline constexpr double kLogPerDb = 0.11512925464970229;
 
+/// Largest number of frames that a mean may be of.
+inline constexpr int kMostAveraged = 1'000'000;
+
 /// One frame. Pixels are DN as the camera wrote them, black level included, exact in float up to 24
 /// bits.
 struct RawFrame {
@@ -47,12 +50,16 @@ struct RawFrame {
   double white_dn = 0;           ///< saturation, black level included
   GainSetting gain;
   std::optional<double> exposure_s;
-  int bits = 0;  ///< significant bits of integer data; 0 for float data
+  int bits = 0;     ///< significant bits of integer data; 0 for float data
+  int mean_of = 1;  ///< frames of one scene whose mean the pixels are (image/frame_mean.h)
   bool black_known = false, white_known = false,
        layout_known = false;  ///< from file, session or flag, not guessed
   std::string file_layout;    ///< name of the file's own layout where another was declared
   std::string source;         ///< file name, for messages
 
+  /// Pixels are the camera's codes or a mean of them, which hold its black level though nobody
+  /// tells it; other floats are above black unless they tell one.
+  bool holds_codes() const { return bits > 0 || mean_of > 1; }
   double black_at(int row, int col) const {
     return black_dn[static_cast<std::size_t>(layout.channel_at(row, col))];
   }

@@ -85,6 +85,7 @@ RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path&
   const bool gain_given = options.gain.gain_db || options.gain.iso;
   frame.gain = gain_given ? options.gain : decoded.gain;
   frame.exposure_s = options.exposure_s ? options.exposure_s : decoded.exposure_s;
+  frame.mean_of = options.mean_of.value_or(decoded.mean_of);
   if (decoded.planes.channels() > 0) frame.dn = std::move(decoded.planes[0]);
   frame.white_dn = options.white_dn   ? *options.white_dn
                    : decoded.white_dn ? *decoded.white_dn
@@ -193,6 +194,7 @@ FrameOptions merged(const FrameOptions& options, const FrameOptions& fallback) {
   if (!result.white_dn) result.white_dn = fallback.white_dn;
   if (!result.gain.gain_db && !result.gain.iso) result.gain = fallback.gain;
   if (!result.exposure_s) result.exposure_s = fallback.exposure_s;
+  if (!result.mean_of) result.mean_of = fallback.mean_of;
   if (!result.raw_format) result.raw_format = fallback.raw_format;
   if (result.rows == 0 && result.cols == 0) {
     result.rows = fallback.rows;

@@ -24,6 +24,7 @@ struct FrameOptions {
   std::optional<double> white_dn;  ///< else from the file, else assumed_white_dn
   GainSetting gain;                ///< either field set: replaces the file's
   std::optional<double> exposure_s;
+  std::optional<int> mean_of;  ///< RawFrame's, from 1 to kMostAveraged; else from the file, else 1
   std::optional<RawFormat> raw_format;  ///< set: the file is headerless, rows and cols are needed
   int rows = 0, cols = 0;               ///< 0 = any; otherwise every file must have this size
 };

@@ -72,6 +72,7 @@ std::string frame_tags(const RawFrame& frame, const std::string& holds) {
   if (frame.gain.gain_db) add("gain_db", fmt::format("{}", *frame.gain.gain_db));
   if (frame.gain.iso) add("iso", fmt::format("{}", *frame.gain.iso));
   if (frame.exposure_s) add("exposure_s", fmt::format("{}", *frame.exposure_s));
+  if (frame.mean_of > 1 && holds.empty()) add("mean_of", fmt::format("{}", frame.mean_of));
   if (!holds.empty()) add("holds", holds);
   return text.size() > kOpening.size() ? text + "]" : std::string();
 }
@@ -104,6 +105,8 @@ void apply_frame_tags(Decoded& decoded) {
       if (key == "gain_db") decoded.gain.gain_db = number;
       if (key == "iso" && *number > 0) decoded.gain.iso = number;
       if (key == "exposure_s" && *number >= 0) decoded.exposure_s = number;
+      if (key == "mean_of" && *number >= 1 && *number <= kMostAveraged)
+        decoded.mean_of = static_cast<int>(*number);
     }
   }
   if (decoded.gain.gain_db) decoded.gain.iso.reset();

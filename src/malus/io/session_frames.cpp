@@ -1,5 +1,6 @@
 // Gain and exposure of a session's frames: the session's words against those of the files.
 #include "malus/base/error.h"
+#include "malus/image/frame_mean.h"
 #include "malus/io/session.h"
 
 #include <algorithm>
@@ -111,6 +112,7 @@ RawFrame load_session_frame(const Session& session, const FrameGroup& group, con
   if (const auto conflict = conflict_with_set({frame.gain, frame.exposure_s},
                                               {group.gain, group.exposure_s}, group.told))
     refuse(frame, group, *conflict);
+  if (group.kind != FrameKind::kReference) require_single(frame);
   if (group.gain.decibel()) frame.gain = group.gain;
   if (group.exposure_s) frame.exposure_s = group.exposure_s;
   return frame;

@@ -30,7 +30,7 @@ std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
   double white_dn = model.white_dn;
   if (!frame.black_known) {
     const double black = mean_of(model.black_dn);
-    const bool above_already = frame.bits == 0 && black != 0;
+    const bool above_already = !frame.holds_codes() && black != 0;
     if (above_already) {
       frame.black_dn.assign(model.black_dn.size(), 0.0);
       white_dn = white_above_black(white_dn, model.black_dn);

@@ -164,6 +164,15 @@ NoiseLaw NoiseLaw::clipped(const VarianceCurve& variance, double floor_dn, doubl
   return law;
 }
 
+NoiseLaw NoiseLaw::mean_of(int frames, const VarianceCurve& variance) const {
+  MALUS_REQUIRE(frames >= 1);
+  NoiseLaw law = gaussian(variance);
+  law.lambda_ = lambda_;
+  law.sigma_tl_dn_ = sigma_tl_dn_;
+  law.frames_ = frames_ * frames;
+  return law;
+}
+
 // Over the codes that a normal deviate of this deviation about the signal is rounded to.
 double NoiseLaw::mean_over_codes(const std::function<double(double)>& f, double signal_dn,
                                  double deviation_dn) const {
@@ -208,9 +217,12 @@ double NoiseLaw::mean_at(const std::function<double(double)>& f, double signal_d
   return (1.0 - share) * over(nodes_[above - 1], 1.0) + share * over(nodes_[above], 1.0);
 }
 
+// Far out, a mean of heavy-tailed values is one of them, divided by their number.
 double NoiseLaw::read_tail(double distance_dn) const {
   MALUS_REQUIRE(distance_dn > 0);
-  if (sigma_tl_dn_ > 0) return 2 * tukey_lambda_cdf(-distance_dn / sigma_tl_dn_, lambda_);
+  if (sigma_tl_dn_ > 0)
+    return std::min(2 * frames_ * tukey_lambda_cdf(-frames_ * distance_dn / sigma_tl_dn_, lambda_),
+                    1.0);
   if (level_dn_.empty()) return 0;
   double sum = 0;
   for (const Node& node : nodes_.front())

@@ -35,6 +35,9 @@ class NoiseLaw {
   /// The law, which has none of it yet, of pixels that differ in response and dark signal besides
   /// (VarianceCurve::with_pattern), by normal deviates. gaussian has its curve's.
   NoiseLaw with_pattern(double prnu, double dsnu_dn) const;
+  /// Of the mean of `frames` pixels of the law, whose variance is given: by the central limit a
+  /// Poisson and a Gaussian, but for the read noise's tails.
+  NoiseLaw mean_of(int frames, const VarianceCurve& variance) const;
   bool is_clipped() const { return floor_dn_ > -std::numeric_limits<double>::infinity(); }
   /// How far a clean signal lies above the code that noise is cut off at, in deviations of the dark
   /// noise; infinite where nothing is.
@@ -67,6 +70,7 @@ class NoiseLaw {
                          double deviation_dn) const;
 
   double lambda_ = 0, sigma_tl_dn_ = 0;  ///< of the read noise; sigma 0: none is known
+  int frames_ = 1;                       ///< a mean of as many pixels with this read noise
   double shot_dn_per_e_ = 0;             ///< 0: no Poisson part
   std::vector<double> level_dn_;  ///< signals of the nodes; empty where one set serves them all
   std::vector<Nodes> nodes_;      ///< per level

@@ -65,6 +65,14 @@ VarianceCurve VarianceCurve::scaled(double factor) const {
   return curve.with_pattern(std::sqrt(factor) * prnu_, std::sqrt(factor) * dsnu_dn_);
 }
 
+VarianceCurve VarianceCurve::plus(double more_dn2) const {
+  MALUS_REQUIRE(more_dn2 >= 0);
+  VarianceCurve curve = *this;
+  curve.offset_dn2_ += more_dn2;
+  for (double& variance : curve.variance_dn2_) variance += more_dn2;
+  return curve;
+}
+
 VarianceCurve VarianceCurve::with_pattern(double prnu, double dsnu_dn) const {
   MALUS_REQUIRE(prnu >= 0 && dsnu_dn >= 0);
   VarianceCurve curve = *this;

@@ -25,6 +25,8 @@ class VarianceCurve {
   double operator()(double signal_dn) const;
   /// The curve with every variance multiplied by factor > 0.
   VarianceCurve scaled(double factor) const;
+  /// With this much more at every signal; more_dn2 >= 0.
+  VarianceCurve plus(double more_dn2) const;
   /// With what pixels differ by in a single frame, in place of what the curve has of it: their
   /// response by prnu of the signal, their dark signal by dsnu_dn. Contract: both >= 0.
   VarianceCurve with_pattern(double prnu, double dsnu_dn) const;

@@ -36,28 +36,6 @@ double mean_gain_dn_per_e(const NoiseProfile& profile) {
 
 }  // namespace
 
-void FrameMean::add(View<const float> frame_dn) {
-  if (count_ == 0) {
-    rows_ = frame_dn.rows();
-    cols_ = frame_dn.cols();
-    sum_.assign(static_cast<std::size_t>(rows_) * static_cast<std::size_t>(cols_), 0.0);
-  }
-  MALUS_REQUIRE(frame_dn.rows() == rows_ && frame_dn.cols() == cols_);
-  for (int r = 0; r < rows_; ++r) {
-    double* sum = sum_.data() + static_cast<std::ptrdiff_t>(r) * cols_;
-    for (int c = 0; c < cols_; ++c) sum[c] += static_cast<double>(frame_dn(r, c));
-  }
-  ++count_;
-}
-
-Image FrameMean::mean() const {
-  MALUS_REQUIRE(count_ > 0);
-  Image mean(rows_, cols_);
-  std::transform(sum_.begin(), sum_.end(), mean.values().begin(),
-                 [this](double sum) { return static_cast<float>(sum / count_); });
-  return mean;
-}
-
 Estimate<double> relative_intensity(View<const float> short_dn, View<const float> reference_dn,
                                     double low_dn, double high_dn) {
   MALUS_REQUIRE(short_dn.rows() == reference_dn.rows() && short_dn.cols() == reference_dn.cols());

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "malus/base/estimate.h"
+#include "malus/image/frame_mean.h"
 #include "malus/image/raw_frame.h"
 #include "malus/image/view.h"
 #include "malus/noise/model.h"
@@ -15,20 +16,6 @@
 #include <vector>
 
 namespace malus {
-
-/// Mean of frames of one scene; memory does not grow with their number. Sums in double.
-class FrameMean {
- public:
-  /// Contract: all frames of one size.
-  void add(View<const float> frame_dn);
-  int count() const { return count_; }
-  /// Contract: count() > 0.
-  Image mean() const;
-
- private:
-  int rows_ = 0, cols_ = 0, count_ = 0;
-  std::vector<double> sum_;
-};
 
 /// Light of a short frame against a reference: the factor f that makes f * reference fit the frame
 /// in the least-squares sense over pixels whose reference lies in (low_dn, high_dn); both above

@@ -27,6 +27,7 @@ struct Decoded {
   std::optional<double> white_dn;
   GainSetting gain;
   std::optional<double> exposure_s;
+  int mean_of = 1;          ///< frames, as RawFrame's
   std::string holds;        ///< what the values are, of malus' own tags; mostly empty
   std::string description;  ///< free text of the file; may hold malus' own tags (frame_tags.h)
 };

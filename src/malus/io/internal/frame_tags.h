@@ -1,5 +1,5 @@
 // The facts of a frame as one line of text inside a file's description:
-//   [malus layout=polar-mono black=82 white=4095 gain_db=24 exposure_s=0.01]
+//   [malus layout=polar-mono black=82 white=4095 gain_db=24 exposure_s=0.01 mean_of=8]
 // so that what malus wrote reads back without flags. A custom cell is cell=0,45/135,90.
 #pragma once
 
