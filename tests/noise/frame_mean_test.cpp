@@ -65,12 +65,12 @@ TEST(MeanOfFrames, TheLawHasTheMeansVariance) {
 // A mean of three of a heavy-tailed read noise; the rarest count below is some 180, known to 7 %.
 TEST(MeanOfFrames, KeepsTheTailsOfAHeavyReadNoise) {
   constexpr double kLambda = -0.25, kScale = 1.5;
-  constexpr int kDraws = 1'000'000, kFrames = 3;
+  constexpr int kMeans = 1'000'000, kFrames = 3;
   const NoiseProfile mean = mean_of_frames(profile_of(camera(kLambda)), kFrames);
   RandomSequence random(11, 0, Draw::kOther);
   double beyond[3] = {};
   constexpr double kAt[3] = {10, 15, 25};  // DN
-  for (int i = 0; i < kDraws; ++i) {
+  for (int i = 0; i < kMeans; ++i) {
     double sum = 0;
     for (int k = 0; k < kFrames; ++k)
       sum += kScale * tukey_lambda_quantile(random.uniform(), kLambda) / kFrames;
@@ -78,7 +78,7 @@ TEST(MeanOfFrames, KeepsTheTailsOfAHeavyReadNoise) {
   }
   for (int t = 0; t < 3; ++t) {
     ASSERT_GT(beyond[t], 150) << kAt[t];
-    EXPECT_NEAR(mean.channels[0].law->read_tail(kAt[t]) * kDraws / beyond[t], 1, 0.35) << kAt[t];
+    EXPECT_NEAR(mean.channels[0].law->read_tail(kAt[t]) * kMeans / beyond[t], 1, 0.35) << kAt[t];
   }
 }
 
