@@ -102,6 +102,10 @@ TEST(PairList, WhatIsNoListIsNamed) {
   negative.replace(negative.find("4"), 1, "-1");
   EXPECT_THAT(refused(R"({"pairs": [)" + negative + "]}"),
               ThrowsMessage<InputError>(HasSubstr("ratio -1")));
+  std::string dark = kEntry;
+  dark.replace(dark.find("12, \"iso\": null"), 15, "null, \"iso\": -200");
+  EXPECT_THAT(refused(R"({"pairs": [)" + dark + "]}"),
+              ThrowsMessage<InputError>(HasSubstr("iso: is -200")));
 }
 
 }  // namespace

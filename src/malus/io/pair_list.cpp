@@ -5,6 +5,7 @@
 #include "malus/base/unreadable_file.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
+#include "malus/io/session.h"
 
 #include <cmath>
 #include <fstream>
@@ -16,6 +17,14 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
+
+// As of a session's frames.
+GainSetting checked_gain(const Json& entry, const fs::path& list) {
+  const GainSetting gain = gain_from(entry);
+  if (const auto fault = fault_of({gain, std::nullopt}, true))
+    throw InputError(list.string(), fault->key + ": " + fault->problem, fault->remedy);
+  return gain;
+}
 
 RecordedPair pair_of(const Json& entry, const fs::path& list) {
   for (const char* key : {"short", "reference", "ratio"})
@@ -31,8 +40,8 @@ RecordedPair pair_of(const Json& entry, const fs::path& list) {
                     .reference = file("reference"),
                     .picture = entry.contains("picture") ? file("picture") : fs::path(),
                     .ratio = entry.at("ratio").get<double>(),
-                    .gain = gain_from(entry)};
-  if (!entry.value("bias_removed", true)) pair.bias_at = gain_from(entry.at("reference_gain"));
+                    .gain = checked_gain(entry, list)};
+  if (!entry.value("bias_removed", true)) pair.bias_at = checked_gain(entry.at("reference_gain"), list);
   if (!std::isfinite(pair.ratio) || pair.ratio <= 0)
     throw InputError(list.string(), fmt::format("has the low-light ratio {}", pair.ratio),
                      "a ratio is above 0");
