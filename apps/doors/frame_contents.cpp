@@ -4,6 +4,7 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
+#include "malus/denoise/cut_off.h"
 #include "malus/image/frame_statistics.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/raw_variance.h"
@@ -137,6 +138,14 @@ std::vector<std::string> guess_complaints(const RawFrame& frame) {
         white_above_black(frame.white_dn, frame.black_dn), setting("white")));
   std::erase(complaints, std::string());
   return complaints;
+}
+
+std::string cut_off_note(const RawFrame& frame) {
+  constexpr double kMost = 0.001;
+  const double share = measure_cut_off(frame).mean_share();
+  if (!(share > kMost)) return {};
+  return fmt::format("noise took {} % of its pixels to 0, where the camera cuts it off",
+                     percent_text(share));
 }
 
 std::string no_light_complaint(std::span<const StokesPlanes> planes, bool whole) {

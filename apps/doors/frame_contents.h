@@ -70,6 +70,10 @@ std::vector<std::string> guess_complaints(const RawFrame& frame);
 /// The one of the black level, which matters to comparisons as well; empty where it is known.
 std::string unknown_black_complaint(const RawFrame& frame);
 
+/// "noise took 2 % of its pixels to 0, where the camera cuts it off"; empty where that is less than
+/// a thousandth of them.
+std::string cut_off_note(const RawFrame& frame);
+
 /// That most cells, or most pixels (whole), have no light, for which a wrong black level is often
 /// the reason; empty where they have. planes: of every colour.
 std::string no_light_complaint(std::span<const StokesPlanes> planes, bool whole);

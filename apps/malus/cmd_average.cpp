@@ -2,7 +2,6 @@
 // normals take as one frame of less noise.
 #include "malus/base/error.h"
 #include "malus/base/text.h"
-#include "malus/denoise/cut_off.h"
 #include "malus/image/frame_mean.h"
 #include "malus/io/picture_file.h"
 
@@ -24,7 +23,6 @@ using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 constexpr double kMostChanged = 0.002;  // of the picture: more is no chance
-constexpr double kMostCutOff = 0.001;   // of the pixels
 
 struct AverageArguments {
   RawOptions raw;
@@ -36,17 +34,6 @@ RawFrame load_raw(const fs::path& input, const FrameOptions& options) {
   FrameInfo info = load_frame_info(input, options);
   require_raw(input.string(), info.holds, "give the raw frames");
   return std::move(info.frame);
-}
-
-// Of a frame, once: what is cut off at 0 is too bright in every one of them.
-void warn_of_cut_off(const RawFrame& frame) {
-  const double share = measure_cut_off(frame).mean_share();
-  if (share > kMostCutOff)
-    warn_of(frame.source,
-            fmt::format("noise took {} % of its pixels to 0, where the camera cuts it off: dark "
-                        "places of the mean are too bright; denoise takes that back of single "
-                        "frames only",
-                        percent_text(share)));
 }
 
 void check_written_facts(const RawFrame& frame, const fs::path& output) {
@@ -67,7 +54,10 @@ Json average(const AverageArguments& arguments, const FrameOptions& options, Pro
   for (const fs::path& input : arguments.inputs) {
     check_stop(progress);
     const RawFrame frame = load_raw(input, options);
-    if (&input == &arguments.inputs.front()) warn_of_cut_off(frame);
+    if (const std::string cut_off = cut_off_note(frame); !cut_off.empty())
+      warn_of(frame.source, cut_off +
+                                ": dark places of the mean are too bright; denoise takes that "
+                                "back of single frames only");
     frames.add(frame);
     progress.advance(1);
   }

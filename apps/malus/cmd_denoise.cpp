@@ -73,7 +73,8 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
   }
   PictureNoise noise = require_estimate(
       frame, "give a noise model with --model (malus model list names the built-in ones)");
-  warn(fmt::format("{}: {}; a calibrated model (--model) is better", frame.source, noise.trust));
+  warn(fmt::format("{}: {}; {}a calibrated model (--model) is better", frame.source, noise.trust,
+                   arguments.raw.has_dark() ? "" : "--dark with a frame of the capped lens, or "));
   return {std::move(noise.profile), std::move(noise.trust)};
 }
 
@@ -360,7 +361,8 @@ void add_denoise(CLI::App& app, Common& common) {
       ->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
                  "allow a gain outside the calibrated range")
       ->needs(model);
-  arguments->raw.add_to(*command);
+  arguments->raw.add_to(*command, {.dark = true});
+  command->get_option("--dark")->excludes(model);
   add_flags(*command, arguments->settings);
   command->get_option("--method")
       ->description("nl-ridge (the default), bm3d, a baseline, or a network's file")

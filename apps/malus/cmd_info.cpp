@@ -111,7 +111,7 @@ void add_info(CLI::App& app, Common& common) {
       ->add_option("FILE", arguments->files,
                    "raw frames; of a stack the first, or the one that is named: stack.tif[3]")
       ->required();
-  arguments->raw.add_to(*command);
+  arguments->raw.add_to(*command, {.dark = true});
 }
 
 }  // namespace malus::app

@@ -333,7 +333,8 @@ void add_stokes(CLI::App& app, Common& common) {
       ->check(
           one_of(std::vector<std::string>(kDemosaickingNames.begin(), kDemosaickingNames.end())))
       ->capture_default_str();
-  arguments->raw.add_to(*command);
+  arguments->raw.add_to(*command, {.dark = true});
+  command->get_option("--dark")->excludes(model);
   add_flags(*command, arguments->render);
 }
 

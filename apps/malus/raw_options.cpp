@@ -2,15 +2,40 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/image/black_levels.h"
 
 #include <map>
 #include <set>
 #include <tuple>
 
 #include "flags.h"
+#include "program.h"
 #include <fmt/format.h>
 
 namespace malus::app {
+
+namespace {
+
+std::vector<double> black_of_dark(const std::vector<std::filesystem::path>& files,
+                                  FrameOptions options) {
+  options.black_dn.clear();
+  options.mean_of.reset();
+  DarkLevels levels;
+  for (const std::filesystem::path& file : frames_of_inputs(files, options)) {
+    const RawFrame dark = load_frame(file, options);
+    if (options.gain.contradicts(dark.gain))
+      throw InputError(
+          file.string(),
+          fmt::format("was taken at {}, not at {}", dark.gain.text(), options.gain.text()),
+          "give dark frames of the same gain");
+    if (const std::string cut_off = cut_off_note(dark); !cut_off.empty())
+      warn_of(dark.source, cut_off + ": its mean lies above the black level");
+    levels.add(dark);
+  }
+  return levels.black_dn();
+}
+
+}  // namespace
 
 void RawOptions::add_to(CLI::App& command, With with) {
   const std::string group = "Raw input (each wins over the file and the session)";
@@ -19,13 +44,21 @@ void RawOptions::add_to(CLI::App& command, With with) {
                   fmt::format("sensor layout: {}", joined(SensorLayout::known_names())))
       ->check(accepted_by([](const std::string& name) { SensorLayout::named(name); }))
       ->group(group);
-  command
-      .add_option("--black", black_dn_,
-                  "black level: one number, or one per channel, separated by commas [DN]")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->check(finite_number())
-      ->group(group);
+  auto* black = command
+                    .add_option("--black", black_dn_,
+                                "black level: one number, or one per channel, separated by commas "
+                                "[DN]")
+                    ->delimiter(',')
+                    ->allow_extra_args(false)
+                    ->check(finite_number())
+                    ->group(group);
+  if (with.dark)
+    command
+        .add_option("--dark", dark_,
+                    "frames with the lens cap on, at the same gain: the mean of each channel is "
+                    "the black level")
+        ->excludes(black)
+        ->group(group);
   command.add_option("--white", white_dn_, "saturation, black level included [DN]")
       ->check(positive_number())
       ->group(group);
@@ -70,10 +103,12 @@ FrameOptions RawOptions::resolve() const {
   options.mean_of = mean_of_;
   if (!raw_format_.empty()) options.raw_format = raw_format_named(raw_format_);
   if (!size_.empty()) std::tie(options.rows, options.cols) = parse_frame_size(size_);
-  if (session_.empty()) return options;
-  return merged(
-      options,
-      frame_options({.sensor = load_sensor(session_), .groups = {}, .source = {}}, FrameGroup()));
+  if (!session_.empty())
+    options = merged(
+        options,
+        frame_options({.sensor = load_sensor(session_), .groups = {}, .source = {}}, FrameGroup()));
+  if (!dark_.empty()) options.black_dn = black_of_dark(dark_, options);
+  return options;
 }
 
 std::vector<std::filesystem::path> frames_of_inputs(

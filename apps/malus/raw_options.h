@@ -14,28 +14,30 @@
 
 namespace malus::app {
 
-/// --layout --black --white --gain --iso --exposure --mean-of --raw-format --size --session. Keep
-/// the object alive as long as the command.
+/// --layout --black --dark --white --gain --iso --exposure --mean-of --raw-format --size --session.
+/// Keep the object alive as long as the command.
 class RawOptions {
  public:
   /// Which of the flags mean something to a command: not a gain where it has its own, nor means of
-  /// frames where the noise of one counts.
+  /// frames where the noise of one counts; dark frames where light is made of raw frames.
   struct With {
-    bool gain = true, means = true;
+    bool gain = true, means = true, dark = false;
   };
   void add_to(CLI::App& command) { add_to(command, With()); }
   void add_to(CLI::App& command, With with);
-  /// Flags over the session's [sensor]; throws InputError.
+  /// Flags over the session's [sensor]; reads the dark frames. Throws InputError.
   FrameOptions resolve() const;
   /// Where a command has one kind of input: files hold what the flag (not the session) says.
   FloatBlack float_black() const {
-    return black_dn_.empty() ? FloatBlack::kNotSaid : FloatBlack::kHolds;
+    return black_dn_.empty() && dark_.empty() ? FloatBlack::kNotSaid : FloatBlack::kHolds;
   }
   std::optional<double> white_dn() const { return white_dn_; }
+  bool has_dark() const { return !dark_.empty(); }
 
  private:
   std::string layout_, raw_format_, size_;
   std::vector<double> black_dn_;
+  std::vector<std::filesystem::path> dark_;
   std::optional<double> white_dn_, gain_db_, iso_, exposure_s_;
   std::optional<int> mean_of_;
   std::filesystem::path session_;

@@ -273,3 +273,33 @@ def test_a_denoised_file_is_saturated_where_it_says(malus, tmp_path, black, dtyp
             assert (said in found.err) == warned, (command, told)
     compared = malus("evaluate", "--reference", tmp_path / "d.tif", "--test", tmp_path / "d.tif", "--white", 4095, "--json")
     assert compared.json["peak_dn"] == 4095 - black and "not taken" not in compared.err  # a peak, as all the files' of a table
+
+
+def test_a_dark_frame_tells_the_black_level(malus, refused, tmp_path):
+    random = np.random.default_rng(2)
+    offsets = np.tile([[76, 78], [75, 77]], (64, 64))  # of every channel its own, below what a data sheet says
+    light = mosaic(s0_dn=60, side=128)
+    for name, signal in (("dark", 0), ("more", 0), ("frame", light)):
+        dn = np.round(random.normal(signal + offsets, 3))
+        np.save(tmp_path / f"{name}.npy", dn.astype(np.uint16))
+    frame, dark = tmp_path / "frame.npy", ("--dark", tmp_path / "dark.npy", tmp_path / "more.npy")
+    out, levels = ("-o", tmp_path / "out"), (*LAYOUT, "--white", 1023)
+    np.save(tmp_path / "clean.npy", light.astype(np.float32))
+    clean = ("--reference", tmp_path / "clean.npy", "--force", "--json")
+    known = malus("denoise", frame, *dark, *levels, *out, *clean)
+    guessed = malus("denoise", frame, "--black", 80, *levels, *out, *clean)
+    for done, hint in ((known, False), (guessed, True)):
+        assert ("--dark" in done.err) == hint
+    score = [done.json["against_reference"]["after"]["image_psnr"] for done in (known, guessed)]
+    assert score[0] > score[1] + 10  # 3.5 DN of bias against 0.03
+    for command in ("stokes", "normals"):
+        malus(command, frame, *dark, *levels, *out, "--force")
+    assert mean_dolp(malus, frame, *dark, "--white", 1023, *out) == pytest.approx(0.5, abs=0.02)
+    assert malus("info", frame, *dark, *levels, "--json").json["black"] == pytest.approx([76, 78, 75, 77], abs=0.1)
+
+    assert "is not that of a dark frame" in refused("stokes", frame, "--dark", frame, *LAYOUT, "--white", 255, *out)
+    assert "missing.npy" in refused("stokes", frame, "--dark", tmp_path / "missing.npy", *levels, *out)
+    for other in (("--black", 80), ("--model", "imx250mzr-simulated")):
+        assert "--dark" in malus("denoise", frame, *dark, *other, *levels, *out, code=2).err
+    np.save(tmp_path / "cut.npy", np.clip(np.round(random.normal(0, 3, (64, 64))), 0, 255).astype(np.uint16))
+    assert "above the black level" in malus("info", frame, "--dark", tmp_path / "cut.npy", *levels).err

@@ -143,8 +143,7 @@ std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
   return fmt::format(
       "noise estimated from the picture itself: deviation {:.2f} DN at its mean signal, ±{:.0f} % "
       "by sampling, from {:.0f} % of the picture and {} levels of brightness; texture can make it "
-      "too "
-      "high, earlier smoothing too low, and the dark bias is not known",
+      "too high, earlier smoothing too low, and what dark pixels have above black counts as light",
       deviation_dn, std::max(100 * noise.relative_error, 1.0), 100 * noise.smooth_share,
       noise.levels);
 }

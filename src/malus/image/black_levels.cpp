@@ -52,6 +52,43 @@ std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout&
   return blacks_for_layout(frame.black_dn, frame.layout, layout, frame.source);
 }
 
+void DarkLevels::add(const RawFrame& dark) {
+  constexpr double kMostOfWhite = 0.25;
+  const auto channels = static_cast<std::size_t>(dark.layout.channels());
+  if (frames_ == 0) {
+    layout_ = dark.layout;
+    sum_.assign(channels, 0.0);
+  }
+  if (!(dark.layout == layout_))
+    throw InputError(dark.source, "has another layout than the dark frames before it",
+                     "give dark frames of one camera");
+  std::vector<double> sum(channels), pixels(channels);
+  for (int r = 0; r < dark.dn.rows(); ++r)
+    for (int c = 0; c < dark.dn.cols(); ++c) {
+      const double dn = dark.dn(r, c);
+      if (!std::isfinite(dn)) continue;
+      const auto k = static_cast<std::size_t>(dark.layout.channel_at(r, c));
+      sum[k] += dn;
+      pixels[k] += 1;
+    }
+  for (std::size_t k = 0; k < channels; ++k) {
+    const double mean_dn = sum[k] / pixels[k];
+    if (!(pixels[k] > 0) || (!white_is_guessed(dark) && mean_dn > kMostOfWhite * dark.white_dn))
+      throw InputError(dark.source,
+                       fmt::format("its mean, {:.4g} DN, is not that of a dark frame", mean_dn),
+                       "take one with the lens cap on, at the gain of the others");
+    sum_[k] += mean_dn;
+  }
+  ++frames_;
+}
+
+std::vector<double> DarkLevels::black_dn() const {
+  MALUS_REQUIRE(frames_ > 0);
+  std::vector<double> black_dn = sum_;
+  for (double& level : black_dn) level /= frames_;
+  return black_dn;
+}
+
 void require_levels(const RawFrame& frame) {
   if (std::ssize(frame.black_dn) != frame.layout.channels())
     refuse_count(frame.black_dn.size(), frame.layout, frame.source);

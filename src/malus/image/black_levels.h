@@ -21,6 +21,21 @@ std::vector<double> blacks_for_layout(const std::vector<double>& blacks, const S
                                       const SensorLayout& layout, const std::string& source);
 std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout& layout);
 
+/// The black level of every channel of frames taken in the dark, at one gain: the mean of their
+/// pixels that are numbers, black and bias in one. Throws InputError naming a frame of another
+/// layout than the first one's, one whose mean lies above a quarter of white, which is not dark,
+/// and one without a number in some channel. Contract: there is a frame.
+class DarkLevels {
+ public:
+  void add(const RawFrame& dark);
+  std::vector<double> black_dn() const;
+
+ private:
+  SensorLayout layout_;
+  std::vector<double> sum_;  ///< per channel, of the frames' means
+  int frames_ = 0;
+};
+
 /// Throws InputError naming the frame where it has not one black level per channel, a level is not
 /// finite, or a black level not below white.
 /// Of float pixels of unknown white, which then is the largest of them, black may be above it.
