@@ -2,6 +2,7 @@
 
 #include "malus/base/text.h"
 #include "malus/denoise/frame_complaints.h"
+#include "malus/io/frame_stack.h"
 
 #include <algorithm>
 #include <string>

@@ -4,6 +4,7 @@
 #include "malus/denoise/denoiser.h"
 #include "malus/image/raw_frame.h"
 #include "malus/neural/network_target.h"
+#include "malus/noise/model.h"
 
 #include <filesystem>
 #include <string>

@@ -41,7 +41,8 @@ RecordedPair pair_of(const Json& entry, const fs::path& list) {
                     .picture = entry.contains("picture") ? file("picture") : fs::path(),
                     .ratio = entry.at("ratio").get<double>(),
                     .gain = checked_gain(entry, list)};
-  if (!entry.value("bias_removed", true)) pair.bias_at = checked_gain(entry.at("reference_gain"), list);
+  if (!entry.value("bias_removed", true))
+    pair.bias_at = checked_gain(entry.at("reference_gain"), list);
   if (!std::isfinite(pair.ratio) || pair.ratio <= 0)
     throw InputError(list.string(), fmt::format("has the low-light ratio {}", pair.ratio),
                      "a ratio is above 0");
