@@ -88,6 +88,10 @@ void run_average(AverageArguments arguments, const Common& common) {
   if (arguments.inputs.size() < 2)
     throw InputError(arguments.inputs.front().string(), "is one frame",
                      "give two or more of one scene, or a stack of them");
+  if (arguments.inputs.size() > kMostAveraged)
+    throw InputError(arguments.inputs.back().string(),
+                     fmt::format("is frame {} of them", arguments.inputs.size()),
+                     fmt::format("give {} or less", kMostAveraged));
   require_headers(arguments.inputs, options);
   std::vector<fs::path> read;
   for (const fs::path& input : arguments.inputs) read.push_back(frame_place(input).file);

@@ -171,8 +171,9 @@ HeldFrame frame_from_array(const py::object& dn, const std::optional<std::string
 // Frames one by one: an iterator may load them as they are asked for.
 HeldFrame average(const py::list& frames) {
   constexpr std::size_t kLeast = 2;
-  if (frames.size() < kLeast)
-    throw InputError("frames", fmt::format("are {}", frames.size()), "give two or more of a scene");
+  if (frames.size() < kLeast || frames.size() > kMostAveraged)
+    throw InputError("frames", fmt::format("are {}", frames.size()),
+                     fmt::format("give {} to {} of a scene", kLeast, kMostAveraged));
   SceneMean mean(static_cast<int>(frames.size()));
   for (const py::handle& given : frames) {
     const auto object = py::reinterpret_borrow<py::object>(given);
