@@ -7,6 +7,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <set>
 #include <vector>
 
 #include "frame_contents.h"
@@ -39,7 +40,7 @@ RawFrame load_raw(const fs::path& input, const FrameOptions& options) {
 void check_written_facts(const RawFrame& frame, const fs::path& output) {
   if (frame.holds_codes() && !frame.black_known)
     warn_of(frame.source, "black level not known; give --black, or a --model later");
-  if (output.extension() == ".npy")
+  if (lower_case(output.extension().string()) == ".npy")
     warn_of(output.string(),
             fmt::format("keeps pixels alone: with it --mean-of {} goes, and layout, levels and "
                         "gain (.tif, .fits and .exr keep them)",
@@ -82,6 +83,20 @@ Json average(const AverageArguments& arguments, const FrameOptions& options, Pro
           {"file", arguments.output.string()}};
 }
 
+// A frame twice has the same noise twice.
+void refuse_again(const std::vector<fs::path>& inputs) {
+  std::set<fs::path> known;
+  for (const fs::path& input : inputs)
+    if (!known.insert(frame_identity(input)).second)
+      throw InputError(input.string(), "is given twice", "leave it out once");
+}
+
+void check_ending(const fs::path& output) {
+  if (!has_picture_ending(output) || lower_case(output.extension().string()) == ".png")
+    throw InputError(output.string(), "has no ending of files that hold floats",
+                     "use .tif, .fits, .exr or .npy");
+}
+
 void run_average(AverageArguments arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
   arguments.inputs = frames_of_inputs(arguments.inputs, options);
@@ -92,6 +107,8 @@ void run_average(AverageArguments arguments, const Common& common) {
     throw InputError(arguments.inputs.back().string(),
                      fmt::format("is frame {} of them", arguments.inputs.size()),
                      fmt::format("give {} or less", kMostAveraged));
+  refuse_again(arguments.inputs);
+  check_ending(arguments.output);
   require_headers(arguments.inputs, options);
   std::vector<fs::path> read;
   for (const fs::path& input : arguments.inputs) read.push_back(frame_place(input).file);
