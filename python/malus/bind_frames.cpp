@@ -1,5 +1,6 @@
 // Frames and sessions.
 #include "malus/base/error.h"
+#include "malus/image/black_levels.h"
 #include "malus/image/frame_mean.h"
 #include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
