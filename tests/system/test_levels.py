@@ -295,6 +295,8 @@ def test_a_dark_frame_tells_the_black_level(malus, refused, tmp_path):
     for command in ("stokes", "normals"):
         malus(command, frame, *dark, *levels, *out, "--force")
     assert mean_dolp(malus, frame, *dark, "--white", 1023, *out) == pytest.approx(0.5, abs=0.02)
+    np.save(tmp_path / "floats.npy", np.load(frame).astype(np.float32))  # a mean of one's own holds its black level
+    assert mean_dolp(malus, tmp_path / "floats.npy", *dark, "--white", 1023, *out) == pytest.approx(0.5, abs=0.02)
     assert malus("info", frame, *dark, *levels, "--json").json["black"] == pytest.approx([76, 78, 75, 77], abs=0.1)
 
     assert "is not that of a dark frame" in refused("stokes", frame, "--dark", frame, *LAYOUT, "--white", 255, *out)
