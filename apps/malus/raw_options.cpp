@@ -19,7 +19,6 @@ namespace {
 std::vector<double> black_of_dark(const std::vector<std::filesystem::path>& files,
                                   FrameOptions options) {
   options.black_dn.clear();
-  options.mean_of.reset();
   DarkLevels levels;
   for (const std::filesystem::path& file : frames_of_inputs(files, options)) {
     const RawFrame dark = load_frame(file, options);

@@ -1,5 +1,6 @@
 // Frames and sessions.
 #include "malus/base/error.h"
+#include "malus/base/settings_check.h"
 #include "malus/image/black_levels.h"
 #include "malus/image/frame_mean.h"
 #include "malus/image/pack.h"
@@ -40,11 +41,7 @@ FrameOptions options_of(const std::optional<std::string>& layout, const Black& b
   return options;
 }
 
-void require_frames(int mean_of) {
-  if (mean_of < 1 || mean_of > kMostAveraged)
-    throw InputError("mean_of", fmt::format("{} is no number of frames", mean_of),
-                     fmt::format("give 1 to {}", kMostAveraged));
-}
+const ParameterInfo kMeanOf{"mean_of", "1", "", 1, kMostAveraged};
 
 HeldFrame held(FrameInfo info) { return {std::move(info.frame), std::move(info.holds)}; }
 
@@ -53,7 +50,7 @@ HeldFrame load(const std::filesystem::path& path, const std::optional<std::strin
                const std::optional<std::string>& raw_format,
                const std::optional<std::pair<int, int>>& size, const std::optional<int>& mean_of) {
   FrameOptions options = options_of(layout, black, white, raw_format, size);
-  if (mean_of) require_frames(*mean_of);
+  require_setting(mean_of, kMeanOf);
   options.mean_of = mean_of;
   HeldFrame frame;
   app::StatedLevels levels;
@@ -160,7 +157,7 @@ HeldFrame frame_from_array(const py::object& dn, const std::optional<std::string
                            const Black& black, const std::optional<double>& white,
                            const std::optional<double>& gain_db, const std::optional<double>& iso,
                            const std::optional<double>& exposure_s, int mean_of) {
-  require_frames(mean_of);
+  require_setting(mean_of, kMeanOf);
   HeldFrame frame{frame_of_array(dn, "dn", {layout, black, white})};
   frame.mean_of = mean_of;
   const CameraSettings settings = settings_given(gain_db, iso, exposure_s, true);

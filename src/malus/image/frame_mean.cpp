@@ -124,16 +124,8 @@ void SceneMean::begin(const RawFrame& frame) {
   place_rows_ = place_size(frame.layout.rows());
   place_cols_ = place_size(frame.layout.cols());
   early_ = late_ = Plane<double>(rows_ / place_rows_, cols_ / place_cols_);
-  first_.layout = frame.layout;
-  first_.black_dn = frame.black_dn;
-  first_.white_dn = frame.white_dn;
-  first_.gain = frame.gain;
-  first_.exposure_s = frame.exposure_s;
-  first_.bits = frame.bits;
-  first_.black_known = frame.black_known;
-  first_.white_known = frame.white_known;
-  first_.layout_known = frame.layout_known;
-  first_.source = frame.source;
+  first_ = frame;
+  first_.dn = Image();
 }
 
 void SceneMean::add(const RawFrame& frame) {
