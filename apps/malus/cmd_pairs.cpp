@@ -136,15 +136,12 @@ RawFrame load_above_bias(const PairJob& job, const FrameGroup& group, const fs::
 RawFrame reference_of(const PairJob& job, const FrameGroup& group) {
   FrameMean mean;
   RawFrame last;
-  int rows = 0, cols = 0;
   for (const fs::path& path : group.paths) {
     check_stop(job.progress);
     last = load_above_bias(job, group, path);
-    if (mean.count() > 0 && (last.dn.rows() != rows || last.dn.cols() != cols))
+    if (mean.count() > 0 && (last.dn.rows() != mean.rows() || last.dn.cols() != mean.cols()))
       throw InputError(path.string(), "has another size than the reference frames before it",
                        "check the session's paths");
-    rows = last.dn.rows();
-    cols = last.dn.cols();
     mean.add(last.dn);
     job.progress.advance(1);
   }

@@ -119,11 +119,9 @@ SceneMean::SceneMean(int of_frames) : of_frames_(of_frames) {
 }
 
 void SceneMean::begin(const RawFrame& frame) {
-  rows_ = frame.dn.rows();
-  cols_ = frame.dn.cols();
   place_rows_ = place_size(frame.layout.rows());
   place_cols_ = place_size(frame.layout.cols());
-  early_ = late_ = Plane<double>(rows_ / place_rows_, cols_ / place_cols_);
+  early_ = late_ = Plane<double>(frame.dn.rows() / place_rows_, frame.dn.cols() / place_cols_);
   first_ = frame;
   first_.dn = Image();
 }
@@ -132,8 +130,10 @@ void SceneMean::add(const RawFrame& frame) {
   MALUS_REQUIRE(pixels_.count() < of_frames_);
   require_single(frame);
   const bool early = pixels_.count() < of_frames_ / 2;
-  if (pixels_.count() == 0) begin(frame);
-  require_alike(frame, first_, rows_, cols_);
+  if (pixels_.count() == 0)
+    begin(frame);
+  else
+    require_alike(frame, first_, pixels_.rows(), pixels_.cols());
   pixels_.add(frame.dn);
   const auto& values = frame.dn.values();
   const auto white_dn = static_cast<float>(frame.white_dn);

@@ -16,6 +16,8 @@ class FrameMean {
   /// Contract: all frames of one size.
   void add(View<const float> frame_dn);
   int count() const { return count_; }
+  int rows() const { return sum_.rows(); }  ///< 0 before the first frame, as cols()
+  int cols() const { return sum_.cols(); }
   /// Contract: count() > 0.
   Image mean() const;
 
@@ -51,7 +53,7 @@ class SceneMean {
   RawFrame first_;  ///< without its pixels
   FrameMean pixels_;
   std::vector<std::uint32_t> saturated_;  ///< frames, per pixel; empty until one is
-  int rows_ = 0, cols_ = 0, place_rows_ = 0, place_cols_ = 0;
+  int place_rows_ = 0, place_cols_ = 0;
   Plane<double> early_, late_;  ///< the halves' sums, per place
 };
 
