@@ -72,10 +72,11 @@ StatedLevels levels_for_frame(const RawFrame& told, const std::string& holds,
 StatedLevels levels_for_file(const std::filesystem::path& path, const FrameOptions& options,
                              FloatBlack float_black) {
   if (options.black_dn.empty() && !options.white_dn) return {options, {}};
-  FrameOptions without_levels = options;
-  without_levels.black_dn.clear();
-  without_levels.white_dn.reset();
-  const FrameInfo told = probe_frame(path, without_levels);
+  FrameOptions own_word = options;
+  own_word.black_dn.clear();
+  own_word.white_dn.reset();
+  own_word.layout.reset();  // in another one, its black levels may have no place
+  const FrameInfo told = probe_frame(path, own_word);
   return levels_for_frame(told.frame, told.holds, options, float_black);
 }
 
@@ -137,6 +138,19 @@ std::vector<std::string> guess_complaints(const RawFrame& frame) {
         "is lower ({})",
         white_above_black(frame.white_dn, frame.black_dn), setting("white")));
   std::erase(complaints, std::string());
+  return complaints;
+}
+
+std::vector<std::string> mean_complaints(const RawFrame& mean) {
+  std::vector<std::string> complaints;
+  if (mean.holds_codes() && !mean.black_known)
+    complaints.push_back(
+        fmt::format("black level not known; give {}, or a model later", setting("black")));
+  if (mean.holds_codes() && !mean.white_known)
+    complaints.push_back(
+        fmt::format("white level not known: pixels that are saturated in some of the frames are "
+                    "not marked ({})",
+                    setting("white")));
   return complaints;
 }
 

@@ -70,6 +70,10 @@ std::vector<std::string> guess_complaints(const RawFrame& frame);
 /// The one of the black level, which matters to comparisons as well; empty where it is known.
 std::string unknown_black_complaint(const RawFrame& frame);
 
+/// What a mean of frames (image/frame_mean.h) lacks that its use will ask for: warnings without its
+/// name.
+std::vector<std::string> mean_complaints(const RawFrame& mean);
+
 /// "noise took 2 % of its pixels to 0, where the camera cuts it off"; empty where that is less than
 /// a thousandth of them.
 std::string cut_off_note(const RawFrame& frame);

@@ -38,8 +38,7 @@ RawFrame load_raw(const fs::path& input, const FrameOptions& options) {
 }
 
 void check_written_facts(const RawFrame& frame, const fs::path& output) {
-  if (frame.holds_codes() && !frame.black_known)
-    warn_of(frame.source, "black level not known; give --black, or a --model later");
+  for (const std::string& complaint : mean_complaints(frame)) warn_of(frame.source, complaint);
   if (lower_case(output.extension().string()) == ".npy")
     warn_of(output.string(),
             fmt::format("keeps pixels alone: with it --mean-of {} goes, and layout, levels and "

@@ -143,7 +143,8 @@ void add_reference(DenoisedFrame& frame, const Reference& reference, bool black_
   } else if (!known.black_known) {
     options.black_dn = before.black_dn;
     const double black = mean_of(before.black_dn);
-    if (known.holds_codes() && black != 0 && !black_stated)
+    const bool of_another_kind = !before.holds_codes();  // above black, as floats are
+    if (known.holds_codes() && (black != 0 || of_another_kind) && !black_stated)
       warn(
           fmt::format("{}: black level not known, taken as the frame's, {:g} DN; give its own by "
                       "--reference-black (0 where black is subtracted already)",

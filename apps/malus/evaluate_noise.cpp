@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/image/frame_mean.h"
 #include "malus/neural/noise_flow_file.h"
 #include "malus/noise/model.h"
 
@@ -228,7 +229,10 @@ void run_noise_comparison(const NoiseArguments& given, const RawOptions& raw,
   for (const auto* paths : {&arguments.reference, &arguments.test})
     check_one_gain(*paths, options, stand_in.has_value());
   const RawFrame first = load_above_black(arguments.reference.front(), options);
-  if (stand_in) stand_in->warn_of_gain(first.gain);
+  if (stand_in) {
+    require_single(first);  // frames are drawn one by one
+    stand_in->warn_of_gain(first.gain);
+  }
   std::optional<Image> clean;
   if (!arguments.clean.empty()) {
     clean = load_above_black(arguments.clean, options).dn;

@@ -73,10 +73,11 @@ FrameOptions options_for_model(const FrameOptions& options, const NoiseModel& mo
   const RawFrame told = told_of(input, options);
   FrameOptions result = in_layout(options, model.layout, told);
   RawFrame filled = told;
-  const std::string warning = take_levels_of_model(model, filled);
+  const std::string warning = take_levels_of_model(model, filled, options.white_dn.has_value());
   if (!warning.empty()) warn_of(input.string(), warning);
   if (!told.black_known) result.black_dn = filled.black_dn;
-  if (!told.white_known && filled.white_known) result.white_dn = filled.white_dn;
+  if (filled.white_known && (!told.white_known || filled.white_dn != told.white_dn))
+    result.white_dn = filled.white_dn;
   return result;
 }
 

@@ -16,22 +16,23 @@ namespace malus::app {
 
 namespace {
 
-std::vector<double> black_of_dark(const std::vector<std::filesystem::path>& files,
-                                  FrameOptions options) {
-  options.black_dn.clear();
+// The black level of dark frames, and the gain that they tell by themselves.
+void take_black_of_dark(const std::vector<std::filesystem::path>& files, FrameOptions& options) {
+  FrameOptions of_dark = options;
+  of_dark.black_dn.clear();
+  of_dark.gain = {};
   DarkLevels levels;
-  for (const std::filesystem::path& file : frames_of_inputs(files, options)) {
-    const RawFrame dark = load_frame(file, options);
-    if (options.gain.contradicts(dark.gain))
-      throw InputError(
-          file.string(),
-          fmt::format("was taken at {}, not at {}", dark.gain.text(), options.gain.text()),
-          "give dark frames of the same gain");
+  for (const std::filesystem::path& file : frames_of_inputs(files, of_dark)) {
+    const RawFrame dark = load_frame(file, of_dark);
+    if (!dark.layout_known)
+      warn_of(dark.source,
+              "does not tell its layout: all channels get one black level; give --layout");
     if (const std::string cut_off = cut_off_note(dark); !cut_off.empty())
       warn_of(dark.source, cut_off + ": its mean lies above the black level");
     levels.add(dark);
   }
-  return levels.black_dn();
+  options.black_dn = levels.black_dn();
+  options.black_gain = levels.gain();
 }
 
 }  // namespace
@@ -106,7 +107,7 @@ FrameOptions RawOptions::resolve() const {
     options = merged(
         options,
         frame_options({.sensor = load_sensor(session_), .groups = {}, .source = {}}, FrameGroup()));
-  if (!dark_.empty()) options.black_dn = black_of_dark(dark_, options);
+  if (!dark_.empty()) take_black_of_dark(dark_, options);
   return options;
 }
 

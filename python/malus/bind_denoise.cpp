@@ -18,6 +18,7 @@
 #include <vector>
 
 #include "array_frame.h"
+#include "frame_contents.h"
 #include "kept_network.h"
 #include "model_with_sampler.h"
 #include "modules.h"
@@ -136,6 +137,7 @@ py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const 
   const auto settings = settings_from<DenoiseKeywords>(kwargs);
   const std::string& method = settings.filter.method;
   app::require_method(method);  // a wrong one is refused before any work
+  require_model_for("gain", told.gain.has_value(), told.model);
   require_model_for("origin", told.origin.has_value(), told.model);
   require_model_for("extrapolate_gain", told.extrapolate_gain, told.model);
   const NoiseModel* model = told.model ? &told.model->description() : nullptr;
@@ -143,7 +145,8 @@ py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const 
   RawFrame frame = frame_from(raw, told_of_frame, model);
   PythonProgress progress;
   if (model)
-    if (const auto warning = take_levels_of_model(*model, frame); !warning.empty())
+    if (const auto warning = take_levels_of_model(*model, frame, told_of_frame.white.has_value());
+        !warning.empty())
       progress.warn(frame.source + ": " + warning);
   const std::shared_ptr<SharedDenoiser> shared = denoiser_for(settings, variance);
   const app::FrameDenoiser& denoiser = shared->denoiser;
@@ -160,6 +163,8 @@ py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const 
     const NoiseProfile profile =
         profile_of_frame(frame, told, settings.filter, denoiser.undoes_cut_off(), complaints);
     estimated = profile.estimated_from_picture;
+    for (const std::string& line : app::guess_complaints(frame))
+      complaints.push_back(frame.source + ": " + line);
     result = run(denoiser, std::move(frame), profile, method, progress, complaints);
   }
   for (const std::string& line : complaints)

@@ -181,7 +181,10 @@ HeldFrame average(const py::list& frames) {
     const py::gil_scoped_release release;
     mean.add(*frame);
   }
-  return {mean.take()};
+  HeldFrame result{mean.take()};
+  for (const std::string& complaint : app::mean_complaints(result))
+    give_warning(result.source + ": " + complaint);
+  return result;
 }
 
 // The names of a cell's sites: a session may describe one that has no name.
@@ -358,6 +361,7 @@ void bind_frames(py::module_& m) {
       "knows its mean_of: what denoise and stokes make of a model's noise in it. Black level "
       "included; a pixel that is saturated in more than a tenth of them is at white. `malus "
       "average` does the same of files, and says whether the scene moved.\n\n"
+      "Warns of unknown black and white levels.\n\n"
       "Throws InputError where size, layout, levels, gain or exposure differ, for a mean, and for "
       "a file that is denoised.");
   m.def("info", &info, py::arg("raw"), py::arg("layout") = py::none(),

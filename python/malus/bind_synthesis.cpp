@@ -183,7 +183,8 @@ py::array renoise(const py::object& raw, const py::object& model_object, double 
   RawFrame frame = frame_from(raw, told, &description);
   require_single(frame);
   PythonProgress progress;
-  if (const auto warning = take_levels_of_model(description, frame); !warning.empty())
+  if (const auto warning = take_levels_of_model(description, frame, told.white.has_value());
+      !warning.empty())
     progress.warn(frame.source + ": " + warning);
   const GainSetting from = source_gain(*model, frame, from_gain, synthesis_kind(settings.kind));
   const GainSetting to = model->gain_setting(to_gain);

@@ -312,3 +312,26 @@ def test_black_may_be_a_tensor(raw):
     for one in (torch.tensor(82.0), torch.full((1,), 82)):
         assert malus.Frame(codes, LAYOUT, black=one).black_dn == [82] * 4, one
     assert malus.Frame(codes, LAYOUT, black=torch.arange(1, 5)).black_dn == [1, 2, 3, 4]
+
+
+def test_denoise_says_what_it_guessed():
+    codes = np.random.default_rng(1).normal(300, 8, (192, 192)).round().astype(np.uint16)
+    with pytest.warns(UserWarning, match="black level not known, taken as 0; DoLP is too low"):
+        malus.denoise(codes, layout=LAYOUT, white=4095)
+    with pytest.raises(malus.InputError, match="gain: is of a model"):
+        malus.denoise(codes, layout=LAYOUT, white=4095, black=82, gain=24)
+
+
+def test_a_stated_white_holds_the_black_level_of_the_model(model):
+    """Of float pixels that are above black, as in the program."""
+    light = np.full((64, 64), 300, np.float32)
+    light[:32, :32] = 4095 - 82
+    with pytest.warns(UserWarning, match="taken as DN above black"):
+        done = malus.denoise(light, model=model, gain=12, white=4095)
+    assert done["saturated_pixels"] == 32 * 32
+
+
+def test_a_mean_of_unknown_white_is_told():
+    frame = malus.Frame(np.full((16, 16), 300, np.uint16), layout=LAYOUT, black=82)
+    with pytest.warns(UserWarning, match="white level not known"):
+        malus.average([frame, frame])

@@ -69,6 +69,13 @@ TEST(DarkLevels, RefuseWhatIsNotDark) {
   RawFrame none = dark_frame(80);
   for (float& dn : none.dn.values()) dn = std::numeric_limits<float>::quiet_NaN();
   EXPECT_NE(refused(none), "");
+  RawFrame louder = dark_frame(80);
+  louder.gain.gain_db = 24;
+  EXPECT_EQ(refused(louder), "");  // the first that tells its gain
+  louder.gain.gain_db = 0;
+  EXPECT_NE(refused(louder).find("was taken at 0 dB, the dark frames before it at 24 dB"),
+            std::string::npos);
+  EXPECT_EQ(levels.gain().text(), "24 dB");
   RawFrame floats = dark_frame(1100);  // whose white is a guess
   floats.bits = 0;
   EXPECT_EQ(refused(floats), "");

@@ -58,6 +58,21 @@ TEST(LevelsOfModel, FloatPixelsAreAboveBlackAndThatIsSaid) {
   EXPECT_EQ(frame.white_dn, 4095);
 }
 
+TEST(LevelsOfModel, WhiteThatTheUserStatesHoldsTheBlackLevel) {
+  for (const bool stated : {false, true}) {
+    RawFrame frame = frame_of(0);
+    frame.white_dn = 1023;
+    frame.white_known = true;
+    take_levels_of_model(sensor(), frame, stated);
+    EXPECT_EQ(frame.white_dn, stated ? 1023 - 85 : 1023);
+    frame = frame_of(16);
+    frame.white_dn = 1023;
+    frame.white_known = true;
+    take_levels_of_model(sensor(), frame, stated);
+    EXPECT_EQ(frame.white_dn, 1023);
+  }
+}
+
 TEST(UntoldGain, IsSaidOfWhatIsAskedFor) {
   NoiseModel model = sensor();
   EXPECT_EQ(untold_gain_complaint(model, {{12.0, std::nullopt}}), "");

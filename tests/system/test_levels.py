@@ -142,7 +142,7 @@ def test_stokes_written_as_fits_can_be_compared(malus, tmp_path):
     assert found.json["image"]["psnr"] is None  # equal
 
 
-def test_a_model_is_compared_at_the_light_of_the_frames(malus, tmp_path):
+def test_a_model_is_compared_at_the_light_of_the_frames(malus, refused, tmp_path):
     clean = np.full((128, 128), 220, np.float32)
     np.save(tmp_path / "clean.npy", clean)
     model = ("--model", "imx250mzr-simulated", "--gain", 12)
@@ -153,6 +153,8 @@ def test_a_model_is_compared_at_the_light_of_the_frames(malus, tmp_path):
                      "--json").json
     assert np.mean(compared["test"]["mean_dn"]) == pytest.approx(np.mean(compared["reference"]["mean_dn"]), rel=0.02)
     assert compared["pooled"]["sqrt_jsd"] < 2 * compared["pooled"]["sqrt_jsd_floor"]
+    malus("average", *flats[:2], "--layout", "polar-mono", "--black", 82, "--white", 4095, "-o", tmp_path / "mean.tif")
+    assert "mean of 2 frames" in refused("evaluate", "--noise", "--reference", tmp_path / "mean.tif", *model)
 
 
 def test_a_session_of_a_sensor_alone_serves_as_description(malus, tmp_path):
@@ -305,3 +307,54 @@ def test_a_dark_frame_tells_the_black_level(malus, refused, tmp_path):
         assert "--dark" in malus("denoise", frame, *dark, *other, *levels, *out, code=2).err
     np.save(tmp_path / "cut.npy", np.clip(np.round(random.normal(0, 3, (64, 64))), 0, 255).astype(np.uint16))
     assert "above the black level" in malus("info", frame, "--dark", tmp_path / "cut.npy", *levels).err
+
+
+def test_dark_frames_are_of_the_frames_gain(malus, refused, tmp_path):
+    tag = "[malus layout=polar-mono white=1023 gain_db={}]"
+    for name, gain, level in (("dark", 24, 76), ("more", 0, 80), ("frame", 0, 180)):
+        Image.fromarray(np.full((16, 16), level, np.uint16)).save(tmp_path / f"{name}.tif", description=tag.format(gain))
+    np.save(tmp_path / "untold.npy", np.full((16, 16), 180, np.uint16))
+    frame, dark = tmp_path / "frame.tif", ("--dark", tmp_path / "dark.tif")
+    line = "was taken at 0 dB, its dark frames at 24 dB"
+    assert line in refused("stokes", frame, *dark, "-o", tmp_path / "out")
+    assert line in refused("stokes", tmp_path / "untold.npy", *dark, "--gain", 0, *LAYOUT, "-o", tmp_path / "out")
+    assert "the dark frames before it" in refused("info", frame, *dark, tmp_path / "more.tif")
+    assert malus("info", frame, "--dark", tmp_path / "more.tif", "--json").json["black"] == [80] * 4
+    assert malus("info", tmp_path / "untold.npy", *dark, *LAYOUT, "--json").json["black"] == [76] * 4
+
+
+def test_dark_frames_of_unknown_layout_have_one_level(malus, tmp_path):
+    dark = np.tile([[76, 78], [75, 77]], (8, 8)).astype(np.uint16)
+    np.save(tmp_path / "dark.npy", dark)
+    Image.fromarray(dark + 100).save(tmp_path / "frame.tif", description="[malus layout=polar-mono white=1023]")
+    for flags, black, told in (((), [76.5] * 4, True), (LAYOUT, [76, 78, 75, 77], False)):
+        found = malus("info", tmp_path / "frame.tif", "--dark", tmp_path / "dark.npy", *flags, "--json")
+        assert found.json["black"] == black
+        assert ("all channels get one black level" in found.err) == told
+
+
+def test_a_stated_black_level_serves_where_the_files_own_have_no_place(malus, tmp_path):
+    codes = np.random.default_rng(1).normal(300, 8, (96, 96)).round().astype(np.uint16)
+    Image.fromarray(codes).save(
+        tmp_path / "bayer.tif", description="[malus layout=bayer-rggb black=64,65,66,64 white=4095]")
+    for command in (("denoise", "-o", tmp_path / "out"), ("info",)):
+        malus(*command, tmp_path / "bayer.tif", "--layout", "mono", "--black", 64)
+
+
+def test_a_stated_white_holds_the_black_level_of_the_model(malus, tmp_path):
+    """As of a session and of the model itself: a frame above black is saturated that much lower."""
+    light = mosaic().astype(np.float32)
+    light[:8, :8] = 4095 - 82
+    np.save(tmp_path / "above.npy", light)
+    model = ("--model", "imx250mzr-simulated", "--gain", 12, "--no-pictures", "-o", tmp_path / "out", "--json", "--force")
+    for flags in ((), ("--white", 4095)):
+        assert malus("stokes", tmp_path / "above.npy", *model, *flags).json["saturated_cells"] == 16, flags
+
+
+def test_a_reference_of_codes_beside_floats_is_told(malus, tmp_path):
+    np.save(tmp_path / "above.npy", mosaic().astype(np.float32))
+    np.save(tmp_path / "codes.npy", np.round(mosaic() + 82).astype(np.uint16))
+    run = ("denoise", tmp_path / "above.npy", "--model", "imx250mzr-simulated", "--gain", 12, "-o", tmp_path / "out",
+           "--force", "--reference", tmp_path / "codes.npy")
+    assert "codes.npy: black level not known, taken as the frame's, 0 DN" in malus(*run).err
+    assert "codes.npy" not in malus(*run, "--reference-black", 82).err

@@ -62,6 +62,12 @@ void DarkLevels::add(const RawFrame& dark) {
   if (!(dark.layout == layout_))
     throw InputError(dark.source, "has another layout than the dark frames before it",
                      "give dark frames of one camera");
+  if (dark.gain.contradicts(gain_))
+    throw InputError(dark.source,
+                     fmt::format("was taken at {}, the dark frames before it at {}",
+                                 dark.gain.text(), gain_.text()),
+                     "give dark frames of one gain");
+  if (!gain_.decibel()) gain_ = dark.gain;
   std::vector<double> sum(channels), pixels(channels);
   for (int r = 0; r < dark.dn.rows(); ++r)
     for (int c = 0; c < dark.dn.cols(); ++c) {

@@ -23,15 +23,18 @@ std::vector<double> blacks_for_layout(const RawFrame& frame, const SensorLayout&
 
 /// The black level of every channel of frames taken in the dark, at one gain: the mean of their
 /// pixels that are numbers, black and bias in one. Throws InputError naming a frame of another
-/// layout than the first one's, one whose mean lies above a quarter of white, which is not dark,
-/// and one without a number in some channel. Contract: there is a frame.
+/// layout or gain than the first one's, one whose mean lies above a quarter of white, which is not
+/// dark, and one without a number in some channel. Contract: there is a frame.
 class DarkLevels {
  public:
   void add(const RawFrame& dark);
   std::vector<double> black_dn() const;
+  /// Of the frames, as far as they tell it.
+  const GainSetting& gain() const { return gain_; }
 
  private:
   SensorLayout layout_;
+  GainSetting gain_;
   std::vector<double> sum_;  ///< per channel, of the frames' means
   int frames_ = 0;
 };

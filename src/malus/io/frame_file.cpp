@@ -66,6 +66,15 @@ std::vector<double> black_of_file(const Decoded& decoded, const SensorLayout& la
   return blacks_for_layout(told, *decoded.layout, layout, source);
 }
 
+// The bias follows the gain.
+void require_gain_of_black(const RawFrame& frame, const GainSetting& gain) {
+  if (!frame.gain.contradicts(gain)) return;
+  throw InputError(
+      frame.source,
+      fmt::format("was taken at {}, its dark frames at {}", frame.gain.text(), gain.text()),
+      "give dark frames of the same gain");
+}
+
 // The user's word, then the file's, then the default.
 RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path& path) {
   RawFrame frame;
@@ -92,6 +101,7 @@ RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path&
                                       : assumed_white_dn(frame.bits, frame.dn.view());
   require_levels(frame);
   require_black_of_codes(frame, decoded.sample);
+  if (!options.black_dn.empty()) require_gain_of_black(frame, options.black_gain);
   return frame;
 }
 
@@ -190,7 +200,10 @@ std::pair<int, int> parse_frame_size(std::string_view text) {
 FrameOptions merged(const FrameOptions& options, const FrameOptions& fallback) {
   FrameOptions result = options;
   if (!result.layout) result.layout = fallback.layout;
-  if (result.black_dn.empty()) result.black_dn = fallback.black_dn;
+  if (result.black_dn.empty()) {
+    result.black_dn = fallback.black_dn;
+    result.black_gain = fallback.black_gain;
+  }
   if (!result.white_dn) result.white_dn = fallback.white_dn;
   if (!result.gain.gain_db && !result.gain.iso) result.gain = fallback.gain;
   if (!result.exposure_s) result.exposure_s = fallback.exposure_s;

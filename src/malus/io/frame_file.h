@@ -21,6 +21,7 @@ struct FrameOptions {
   std::optional<SensorLayout> layout;  ///< else from the file, else mono
   std::vector<double> black_dn;    ///< empty: from the file, by place in the cell where a layout
                                    ///< is declared, else 0; one number, or one per channel
+  GainSetting black_gain;          ///< black_dn was measured at; unknown: of any frame
   std::optional<double> white_dn;  ///< else from the file, else assumed_white_dn
   GainSetting gain;                ///< either field set: replaces the file's
   std::optional<double> exposure_s;
@@ -50,8 +51,9 @@ struct FrameInfo {
 /// path: of a file, or one frame of a stack, stack.tif[3] (frame_stack.h). Throws InputError:
 /// missing, empty, a folder, truncated, not a mosaic, a stack of which no frame is named, of an
 /// unknown type, too large (2^31 pixels), of another size than asked for, black >= white, a
-/// negative black of unsigned integers. NaN and infinite pixels of float files are kept: commands
-/// decide. Integer data above 24 bits are refused (not exact in float).
+/// negative black of unsigned integers, of another gain than its black level. NaN and infinite
+/// pixels of float files are kept: commands decide. Integer data above 24 bits are refused (not
+/// exact in float).
 RawFrame load_frame(const std::filesystem::path& path, const FrameOptions& options = {});
 
 /// The same with the facts of the file beside the pixels.

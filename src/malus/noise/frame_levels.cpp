@@ -24,7 +24,7 @@ bool tells_no_gain(const NoiseModel& model) {
 
 }  // namespace
 
-std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
+std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame, bool white_stated) {
   take_layout_of_model(frame, model.layout);
   std::string warning;
   double white_dn = model.white_dn;
@@ -34,6 +34,7 @@ std::string take_levels_of_model(const NoiseModel& model, RawFrame& frame) {
     if (above_already) {
       frame.black_dn.assign(model.black_dn.size(), 0.0);
       white_dn = white_above_black(white_dn, model.black_dn);
+      if (white_stated) frame.white_dn = white_above_black(frame.white_dn, model.black_dn);
       warning = fmt::format(
           "black level not known; float pixels are taken as DN above black, give {} if they hold "
           "the camera's",
