@@ -28,6 +28,7 @@ struct TiffKind {
   std::uint16_t channels = 1, bits = 16, format = SAMPLEFORMAT_UINT, planar = PLANARCONFIG_CONTIG,
                 compression = COMPRESSION_NONE, extra = EXTRASAMPLE_UNSPECIFIED;
   std::uint32_t tile = 0;
+  int photometric = -1;  // else of the channels
   const char* mode = "w";
   static constexpr int kRows = 21, kCols = 37;
 
@@ -69,7 +70,9 @@ struct TiffKind {
     TIFFSetField(tiff.get(), TIFFTAG_COMPRESSION, compression);
     const int colours = channels == 3 || extra != EXTRASAMPLE_UNSPECIFIED ? 3 : 1;
     TIFFSetField(tiff.get(), TIFFTAG_PHOTOMETRIC,
-                 colours == 3 ? PHOTOMETRIC_RGB : PHOTOMETRIC_MINISBLACK);
+                 photometric >= 0 ? photometric
+                 : colours == 3   ? PHOTOMETRIC_RGB
+                                  : PHOTOMETRIC_MINISBLACK);
     const std::vector<std::uint16_t> extras(static_cast<std::size_t>(channels - colours), extra);
     if (!extras.empty())
       TIFFSetField(tiff.get(), TIFFTAG_EXTRASAMPLES, static_cast<int>(extras.size()),
@@ -131,6 +134,23 @@ TEST(TiffKinds, EverySampleArrivesAsStored) {
           wrong += picture.planes[k](r, c) != static_cast<float>(kind.sample(r, c, k));
     EXPECT_EQ(wrong, 0) << kind.text();
   }
+}
+
+// Inks and negatives would come as light.
+TEST(TiffKinds, WhatIsNoLightIsRefusedByItsName) {
+  const testing::TemporaryFolder folder;
+  const std::pair<TiffKind, const char*> kinds[] = {
+      {{.channels = 4, .photometric = PHOTOMETRIC_SEPARATED}, "inks"},
+      {{.channels = 3, .photometric = PHOTOMETRIC_CIELAB}, "L*a*b*"},
+      {{.photometric = PHOTOMETRIC_MINISWHITE}, "a negative"},
+      {{.photometric = 12345}, "unknown photometric"}};
+  for (const auto& [kind, what] : kinds) {
+    kind.write(folder / "a.tif");
+    EXPECT_THAT([&] { load_picture(folder / "a.tif"); },
+                ThrowsMessage<InputError>(HasSubstr(what)));
+  }
+  TiffKind{.photometric = PHOTOMETRIC_CFA}.write(folder / "a.tif");
+  EXPECT_EQ(load_picture(folder / "a.tif").planes.channels(), 1);
 }
 
 // 1.5, -0.25, the largest and the smallest half, in either byte order.

@@ -161,7 +161,12 @@ bool has_picture_ending(const fs::path& path) {
   return known_ending(lower_case(path.extension().string())) != nullptr;
 }
 
-Picture load_picture(const fs::path& path) { return picture_of(internal::read_any(path, true)); }
+Picture load_picture(const fs::path& path) {
+  internal::Decoded decoded = internal::read_any(path, true);
+  if (decoded.negative)
+    throw InputError(path.string(), "is a negative, 0 is white", "store it with 0 as black");
+  return picture_of(std::move(decoded));
+}
 
 Picture load_clean_picture(const fs::path& path) {
   const fs::path file = frame_place(path).file;

@@ -64,7 +64,38 @@ std::string type_name(const TiffSamples& samples) {
   return {};
 }
 
+// What the samples mean where that is not an amount of light, or of a primary colour's.
+std::string_view other_meaning(std::uint16_t photometric) {
+  constexpr std::uint16_t kLinearRaw = 34892;  // of DNG
+  switch (photometric) {
+    case PHOTOMETRIC_MINISWHITE:  // Decoded::negative
+    case PHOTOMETRIC_MINISBLACK:
+    case PHOTOMETRIC_RGB:
+    case PHOTOMETRIC_PALETTE:
+    case PHOTOMETRIC_YCBCR:
+    case PHOTOMETRIC_CFA:
+    case kLinearRaw:
+      return {};
+    case PHOTOMETRIC_MASK:
+      return "a mask";
+    case PHOTOMETRIC_SEPARATED:
+      return "inks (CMYK)";
+    case PHOTOMETRIC_CIELAB:
+    case PHOTOMETRIC_ICCLAB:
+    case PHOTOMETRIC_ITULAB:
+      return "L*a*b* colours";
+    case PHOTOMETRIC_LOGL:
+    case PHOTOMETRIC_LOGLUV:
+      return "logarithms of light";
+    default:
+      return "of an unknown photometric interpretation";
+  }
+}
+
 void check_samples(const fs::path& path, const TiffSamples& samples) {
+  if (const auto meaning = other_meaning(samples.photometric); !meaning.empty())
+    throw InputError(path.string(), fmt::format("its samples are {}", meaning),
+                     "store grey (0 is black) or RGB");
   if (samples.depth > 1) unreadable_picture(path, "it is a volume");
   if (type_name(samples).empty())
     throw InputError(path.string(),
@@ -197,6 +228,7 @@ Decoded read_tiff(const fs::path& path, std::uintmax_t file_bytes, std::uint64_t
   Decoded decoded;
   decoded.format = "tiff";
   decoded.sample = type_name(samples);
+  decoded.negative = samples.photometric == PHOTOMETRIC_MINISWHITE;
   decoded.rows = static_cast<int>(samples.rows);
   decoded.cols = static_cast<int>(samples.cols);
   decoded.channels = samples.codes_colours() ? 3 : samples.channels;

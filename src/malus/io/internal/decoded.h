@@ -20,7 +20,8 @@ struct Decoded {
   int rows = 0, cols = 0, channels = 0;
   int bits = 0;  ///< of integer data, 0 for float
   std::vector<std::string> names;
-  Planes planes;  ///< values as stored; empty after a probe
+  Planes planes;          ///< values as stored; empty after a probe
+  bool negative = false;  ///< says that 0 is white; a camera's codes are not turned round by that
 
   std::optional<SensorLayout> layout;
   std::vector<double> black_dn;  ///< one, or one per channel of the layout; empty: not told
