@@ -118,6 +118,9 @@ TEST(CapturePlan, MistakesNameTheKey) {
   const std::string twice =
       "[[capture]]\nkind = \"bias\"\ngain_db = [0, 0]\nexposure_s = 1\nframes = 2\n";
   EXPECT_NE(problem_of(write_plan(folder, twice)).find("twice"), std::string::npos);
+  const std::string whose = "[sensor]\nblack = [64, 65, 66, 67]\n";
+  EXPECT_NE(problem_of(write_plan(folder, whose)).find("has 4 values, and no layout"),
+            std::string::npos);
 }
 
 TEST(CapturePlan, WhatIsOfHeaderlessFilesIsRefused) {

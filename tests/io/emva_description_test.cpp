@@ -50,6 +50,9 @@ TEST(EmvaDescription, DefectsNameTheirLine) {
   refused("n 12 640 480\nb -5 1\n", "an exposure is positive");
   refused("n 12 640 480\nb nan 1\n", "\"nan\"");
   refused("n 40 640 480\n", "out of range");
+  refused("n 12.9 640 480\n", "not a whole number");
+  refused("n 12 640.5 480\n", "not a whole number");
+  refused("n 12 640 480\nb 1000 foo\n", "\"foo\"");
   refused("n 12 640 480\nd 5\ni \n", "without a name");
   refused("d 5\ni x.png\n", "no \"n bits width height\" line");
   refused("n 12 640 480\nd 5\n", "none of its images exists");

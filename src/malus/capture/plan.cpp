@@ -74,6 +74,11 @@ CapturePlan load_capture_plan(const std::filesystem::path& path) {
         sensor->fail(key, "is for headerless files, and frames are written as TIFF",
                      "leave it out: the camera is set by pixel_format, width and height");
     plan.sensor = parse_sensor(*sensor);
+    if (plan.sensor.black_dn.size() > 1 && !plan.sensor.layout)
+      sensor->fail("black",
+                   fmt::format("has {} values, and no layout tells whose they are",
+                               plan.sensor.black_dn.size()),
+                   "give one number, or the layout");
   }
   if (const auto camera = file.section("camera")) read_camera(*camera, plan);
   const auto entries = file.sections("capture");

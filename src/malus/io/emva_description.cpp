@@ -6,6 +6,7 @@
 #include "malus/io/internal/file_bytes.h"
 
 #include <algorithm>
+#include <cmath>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -114,9 +115,11 @@ class Parser {
     const double bits = number(words[1], "bits"), width = number(words[2], "the width"),
                  height = number(words[3], "the height");
     constexpr double kMaxExtent = 1 << 20;
-    if (!(bits >= 1 && bits <= 24 && width >= 1 && width <= kMaxExtent && height >= 1 &&
-          height <= kMaxExtent))
-      fail("bits, width or height is out of range", "correct it");
+    const auto whole = [](double value, double most) {
+      return value >= 1 && value <= most && value == std::floor(value);
+    };
+    if (!(whole(bits, 24) && whole(width, kMaxExtent) && whole(height, kMaxExtent)))
+      fail("bits, width or height is out of range or not a whole number", "correct it");
     auto& sensor = result_.session.sensor;
     sensor.white_dn = std::ldexp(1.0, static_cast<int>(bits)) - 1.0;
     sensor.layout = SensorLayout::named("mono");
@@ -133,7 +136,10 @@ class Parser {
     group.exposure_s = number(words[1], "the exposure") * 1e-9;
     if (*group.exposure_s < 0 || (bright && *group.exposure_s == 0))
       fail(fmt::format("the exposure is {} ns", words[1]), "an exposure is positive");
-    if (bright) group.level = ++levels_;
+    if (bright) {
+      number(words[2], "the number of photons");  // not used: the light is measured
+      group.level = ++levels_;
+    }
     result_.session.groups.push_back(std::move(group));
   }
 
