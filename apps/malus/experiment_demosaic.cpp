@@ -49,7 +49,7 @@ DemosaicSetup read_demosaic_setup(const fs::path& path) {
   DemosaicSetup setup;
   setup.model = root.text("model").value_or(setup.model);
   setup.camera = root.text("camera").value_or(setup.model);
-  setup.exposure = root.number("exposure").value_or(setup.exposure);
+  setup.exposure = root.positive_number("exposure").value_or(setup.exposure);
   setup.gains = root.numbers("gains");
   setup.cases = root.texts("cases");
   if (setup.gains.empty()) root.fail("gains", "are missing", "name those to train at");

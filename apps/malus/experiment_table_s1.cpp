@@ -3,6 +3,7 @@
 // the noise that was made is compared with the camera's.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/denoise/frame_profile.h"
 #include "malus/io/config_section.h"
 #include "malus/io/picture_file.h"
 #include "malus/synthesize/model.h"
@@ -57,7 +58,7 @@ TableS1Setup read_table_s1_setup(const fs::path& path) {
   setup.camera = root.text("camera").value_or(setup.model);
   setup.from = root.number("from").value_or(setup.from);
   setup.to = root.number("to").value_or(setup.to);
-  setup.exposure = root.number("exposure").value_or(setup.exposure);
+  setup.exposure = root.positive_number("exposure").value_or(setup.exposure);
   for (const auto& [key, config] :
        {std::pair{"denoiser", &setup.denoiser}, std::pair{"isp", &setup.isp}}) {
     if (!root.has(key)) root.fail(key, "is missing", "name a training configuration");
@@ -132,7 +133,6 @@ std::vector<RecordedPair> make_captures(const TestBench& bench, const TableS1Row
   DenoiseSettings settings;
   settings.method = row.denoiser == "UNet" ? weights : "bm3d";
   const NoiseModel& model = bench.model;
-  const NoiseProfile profile = model.profile_at(bench.from);
   const fs::path folder = bench.folder / row.folder() / "frames";
   fs::create_directories(folder);
   SaveOptions save;
@@ -144,6 +144,7 @@ std::vector<RecordedPair> make_captures(const TestBench& bench, const TableS1Row
     check_stop(progress);
     LoadedCapture loaded = load_capture(source, model);
     const Image noisy_dn = above_black(loaded.noisy);
+    const NoiseProfile profile = denoising_profile(loaded.noisy, model, bench.from);
     const Image guide_dn =
         denoisers.at(source.ratio)(loaded.noisy, profile, progress).dn_above_black;
     RawFrame frame = std::move(loaded.noisy);

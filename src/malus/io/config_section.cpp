@@ -188,6 +188,12 @@ std::optional<double> ConfigSection::number(std::string_view key) const {
   return values[0];
 }
 
+std::optional<double> ConfigSection::positive_number(std::string_view key) const {
+  const auto value = number(key);
+  if (value && !(*value > 0)) fail(key, fmt::format("is {:g}", *value), "give a positive number");
+  return value;
+}
+
 std::optional<int> ConfigSection::whole_number(std::string_view key, int minimum,
                                                int maximum) const {
   const toml::node* node = table_->at->get(key);

@@ -52,6 +52,7 @@ class ConfigSection {
   /// Absent keys give an empty value; a wrong type throws InputError.
   std::optional<std::string> text(std::string_view key) const;
   std::optional<double> number(std::string_view key) const;
+  std::optional<double> positive_number(std::string_view key) const;
   std::optional<bool> flag(std::string_view key) const;
   std::optional<int> whole_number(std::string_view key, int minimum, int maximum) const;
   std::vector<double> numbers(std::string_view key) const;     ///< one number or a list
