@@ -98,3 +98,13 @@ test("polarization of all colours is of red, green and blue alike, though a cell
   const s1 = (name) => viewsOf(block, []).find((view) => view.name === name).of(channels, 0).planes[0].values[0];
   assert.deepEqual(["S1", "S1, red", "S1, green", "S1, blue"].map(s1), [5, 9, 6, 0]);
 });
+
+// A frame may end inside a cell: 202 = 50 cells of 4 and a half one.
+test("a value of a cell is read from the cell that the pixel lies in, to the last row", async (t) => {
+  const { pixelsPerValue } = await source(t, "viewer/raster.ts");
+  for (const [extent, cell] of [[202, 4], [2050, 4], [1001, 4], [2051, 4], [203, 2], [5, 4], [64, 1]])
+    for (let y = 0; y < extent; ++y)
+      assert.equal(Math.floor(y / pixelsPerValue(extent, Math.ceil(extent / cell), cell)), Math.floor(y / cell), `${y} of ${extent}`);
+  assert.equal(pixelsPerValue(202, 202, 4), 1);
+  assert.equal(pixelsPerValue(4000, 500, 4), 8);
+});

@@ -99,6 +99,12 @@ export async function decode(raster: Raster): Promise<Plane[]> {
   });
 }
 
+/** How many pixels of the mosaic, along one side of it, a value of a plane stands for: a cell's, of which the last may be cut; else
+ * the plane is of pixels, or a smaller picture of the whole. */
+export function pixelsPerValue(extent: number, values: number, cell: number): number {
+  return values === Math.ceil(extent / cell) ? cell : extent / values;
+}
+
 /** Half the distance between neighbouring stored values around `value`: the read-out's uncertainty. */
 export function rounding(value: number, { slope, offset, step }: Raster["scales"][number]): number {
   return 0.5 * step * Math.sqrt(slope * Math.max(value, 0) + offset);

@@ -2,12 +2,13 @@
 import type { PicturesBlock } from "../contract";
 import { element } from "../dom";
 import { number, unit } from "../format";
-import { rounding, type Plane } from "./raster";
+import { pixelsPerValue, rounding, type Plane } from "./raster";
 import type { Shown, View } from "./views";
 
 function at(plane: Plane, block: PicturesBlock, x: number, y: number): number {
-  const r = Math.min(Math.floor((y * plane.rows) / block.rows), plane.rows - 1);
-  const c = Math.min(Math.floor((x * plane.cols) / block.cols), plane.cols - 1);
+  const { rows, cols, cell } = block;
+  const r = Math.min(Math.floor(y / pixelsPerValue(rows, plane.rows, cell.rows)), plane.rows - 1);
+  const c = Math.min(Math.floor(x / pixelsPerValue(cols, plane.cols, cell.cols)), plane.cols - 1);
   return plane.values[r * plane.cols + c];
 }
 

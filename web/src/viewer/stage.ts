@@ -1,6 +1,7 @@
 // The canvas: two pictures at the same place, divided by a movable line or side by side; pan, zoom, pick a pixel.
 import { element } from "../dom";
 import { Camera } from "./camera";
+import { pixelsPerValue } from "./raster";
 
 export interface Pane {
   label: string;
@@ -30,6 +31,7 @@ export class Stage {
     title: string,
     private readonly cols: number,
     private readonly rows: number,
+    private readonly cell: { rows: number; cols: number },
   ) {
     this.camera = new Camera(cols, rows);
     this.pick = { x: Math.floor(cols / 2), y: Math.floor(rows / 2) };
@@ -107,15 +109,20 @@ export class Stage {
   private paintPane(context: CanvasRenderingContext2D, { picture }: Pane, left: number): void {
     const origin = this.camera.toPane({ x: 0, y: 0 });
     const zoom = this.camera.zoom;
+    const across = pixelsPerValue(this.cols, picture.width, this.cell.cols), down = pixelsPerValue(this.rows, picture.height, this.cell.rows);
     // Pixels stay squares when they are enlarged; only shrinking averages.
-    context.imageSmoothingEnabled = (zoom * this.cols) / picture.width < 1;
+    context.imageSmoothingEnabled = zoom * across < 1;
     context.imageSmoothingQuality = "high";
-    context.drawImage(picture, left + origin.x, origin.y, this.cols * zoom, this.rows * zoom);
+    context.save();
+    context.beginPath();
+    context.rect(left + origin.x, origin.y, this.cols * zoom, this.rows * zoom);  // a last cell may be cut
+    context.clip();
+    context.drawImage(picture, left + origin.x, origin.y, picture.width * across * zoom, picture.height * down * zoom);
+    context.restore();
     if (!this.pickShown) return;
-    const cell = Math.max(this.cols / picture.width, 1);
-    const x = Math.floor(this.pick.x / cell) * cell, y = Math.floor(this.pick.y / cell) * cell;
+    const x = Math.floor(this.pick.x / across) * across, y = Math.floor(this.pick.y / down) * down;
     const corner = this.camera.toPane({ x, y });
-    const side = Math.max(cell * zoom, 7);
+    const side = Math.max(across * zoom, 7);
     for (const [color, grow] of [["#000000", 1.5], ["#ffffff", 0.5]] as const) {
       context.strokeStyle = color;
       context.strokeRect(left + corner.x - grow, corner.y - grow, side + 2 * grow, side + 2 * grow);

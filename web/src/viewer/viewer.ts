@@ -49,7 +49,7 @@ class Viewer {
   private loading?: Promise<void>;
 
   constructor(private readonly block: PicturesBlock) {
-    this.stage = new Stage(block.title, block.cols, block.rows);
+    this.stage = new Stage(block.title, block.cols, block.rows, block.cell);
     const count = Math.max(block.pictures.length, ...block.layers.map(({ rasters }) => rasters.length));
     this.sides = count > 1 ? [0, 1] : [0];
     this.chart = liveChart(histogram({ name: "", unit: "1", look: { kind: "light" }, of: () => null }, []), true);
