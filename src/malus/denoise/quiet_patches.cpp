@@ -115,6 +115,7 @@ struct PatchCamera {
   }
 };
 
+// NaN of channels that a patch is too small to hold.
 std::vector<double> signals_of_channels(const PatchCamera& camera,
                                         const std::vector<double>& pattern) {
   std::vector<double> signal(camera.variance.size()), count(signal);
@@ -284,19 +285,26 @@ std::vector<QuietPatches> levels_of_phase(const HalfView& view, const PatchCamer
   return found;
 }
 
-// Of the phases; levels that some phase has nothing quiet at are left out.
+// Of the phases; levels that some phase has nothing quiet at are left out. Of a large cell a
+// phase's patches do not hold all channels: those signals are the other phases'.
 std::vector<QuietPatches> mean_of_phases(const std::vector<std::vector<QuietPatches>>& found,
                                          std::size_t channels) {
   const double share = 1.0 / static_cast<double>(found.size());
   std::vector<QuietPatches> result;
   for (std::size_t i = 0; i < found.front().size(); ++i) {
     QuietPatches level{std::vector<double>(channels), 0, 0};
+    std::vector<double> untold(channels);
     for (const std::vector<QuietPatches>& of_phase : found) {
       level.ratio += share * of_phase[i].ratio;
       level.relative_error += share * std::sqrt(share) * of_phase[i].relative_error;
       for (std::size_t k = 0; k < of_phase[i].signal_dn.size(); ++k)
-        level.signal_dn[k] += share * of_phase[i].signal_dn[k];
+        if (std::isnan(of_phase[i].signal_dn[k]))
+          untold[k] += share;
+        else
+          level.signal_dn[k] += share * of_phase[i].signal_dn[k];
     }
+    for (std::size_t k = 0; k < channels; ++k)
+      if (untold[k] > 0) level.signal_dn[k] /= 1 - untold[k];
     if (std::isfinite(level.ratio)) result.push_back(std::move(level));
   }
   return result;

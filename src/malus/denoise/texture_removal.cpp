@@ -93,6 +93,7 @@ void bound_by(const std::vector<VarianceLevel>& shown, bool black_known,
       const double lit = black_known && level.signal > 0 && other.signal > 0
                              ? level.signal / other.signal
                              : (level.signal > other.signal ? kUnbounded : 1.0);
+      if (lit == kUnbounded) continue;
       const double bound =
           other.variance * (1 + kChance * other.relative_error) * std::max(lit, 1.0);
       if (bound >= most) continue;

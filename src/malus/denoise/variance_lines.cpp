@@ -68,14 +68,19 @@ VarianceLine fit_levels(const std::vector<VarianceLevel>& levels) {
 // or two, do not tell it: where the noise is less than a step, what rounding adds is the picture's.
 // A line that begins lower is raised as a whole: as a line it keeps the law of shot noise, without
 // which light of few electrons comes out too bright. One whose read noise came out below zero, as
-// of an unknown black level, stays above a tenth of the lowest level's variance.
+// of an unknown black level, stays above a tenth of the lowest level's variance, and above what
+// makes less than a few deviations of a step of its shot noise: stabilised, its samples below 0
+// would outweigh all that is bright.
 VarianceCurve curve_of(const VarianceLine& line, const std::vector<VarianceLevel>& levels,
                        double rounding_dn2) {
   const double slope = std::max(line.slope, 0.0);
   if (line.offset >= 0) return VarianceCurve::affine(slope, std::max(line.offset, rounding_dn2));
   double lowest = levels.front().variance;
   for (const VarianceLevel& l : levels) lowest = std::min(lowest, l.variance);
-  return VarianceCurve::floored_line(slope, line.offset, std::max(rounding_dn2, 0.1 * lowest));
+  constexpr double kLeastSlopes = 1.0 / 4;  // deviations, as Stabilizer has of lines
+  return VarianceCurve::floored_line(
+      slope, line.offset,
+      std::max({rounding_dn2, 0.1 * lowest, std::pow(kLeastSlopes * slope, 2)}));
 }
 
 // Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.
