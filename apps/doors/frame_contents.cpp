@@ -148,8 +148,8 @@ std::vector<std::string> mean_complaints(const RawFrame& mean) {
         fmt::format("black level not known; give {}, or a model later", setting("black")));
   if (mean.holds_codes() && !mean.white_known)
     complaints.push_back(
-        fmt::format("white level not known: pixels that are saturated in some of the frames are "
-                    "not marked ({})",
+        fmt::format("white level not known; what is saturated in some of the frames goes "
+                    "unnoticed ({})",
                     setting("white")));
   return complaints;
 }

@@ -19,8 +19,9 @@ constexpr int kFrames = 8, kSide = 256;
 constexpr double kDeviation = 6;
 
 struct Scene {
-  int shifted = 0;      // columns from the middle of the burst on
-  double lamp = 1;      // from there on
+  int shifted = 0;  // columns from the middle of the burst on
+  double lamp = 1;  // from there on
+  double black = 50;
   double blinking = 0;  // share of pixels that jump by 40 deviations in one frame
 };
 
@@ -33,7 +34,7 @@ double light_at(int r, int c) {
 RawFrame frame_of(const Scene& scene, std::uint32_t number) {
   RawFrame frame;
   frame.layout = SensorLayout::named("polar-mono");
-  frame.black_dn = {50, 50, 50, 50};
+  frame.black_dn.assign(4, scene.black);
   frame.white_dn = 4095;
   frame.black_known = frame.white_known = frame.layout_known = true;
   frame.bits = 12;
@@ -48,7 +49,7 @@ RawFrame frame_of(const Scene& scene, std::uint32_t number) {
       double value = light_at(r, c + (late ? scene.shifted : 0)) * (late ? scene.lamp : 1);
       value += kDeviation * random.normal();
       if (random.uniform() < scene.blinking / kFrames) value += 40 * kDeviation;
-      frame.dn(r, c) = static_cast<float>(std::nearbyint(50 + value));
+      frame.dn(r, c) = static_cast<float>(std::nearbyint(scene.black + value));
     }
   return frame;
 }
@@ -80,6 +81,8 @@ TEST(SceneMean, HasTheMeanOfEveryPixelAndWhatTheFramesSay) {
 TEST(SceneMean, NothingMovedInASceneThatStoodStill) {
   EXPECT_LT(mean_of_scene({}).changed_share(), 1e-4);
   EXPECT_LT(mean_of_scene({.lamp = 1.2}).changed_share(), 1e-4);
+  // Light that is a third of the black level.
+  EXPECT_LT(mean_of_scene({.lamp = 1.05, .black = 1000}).changed_share(), 1e-4);
   // As of a hot sensor: one pixel in a hundred.
   EXPECT_LT(mean_of_scene({.blinking = 0.01}).changed_share(), 5e-4);
 }
@@ -102,6 +105,25 @@ TEST(SceneMean, APixelSaturatedInMoreThanATenthIsAtWhite) {
   EXPECT_FLOAT_EQ(mean.dn(0, 0), 4009.5f);
   EXPECT_EQ(mean.dn(0, 1), 4095);
   EXPECT_TRUE(std::isnan(mean.dn(0, 2)));
+}
+
+// As `denoise` has it: the largest code of 8 bits is white, whoever tells it.
+TEST(SceneMean, CodesOfEightBitsKnowWhenTheyAreSaturated) {
+  for (const bool saturated : {false, true}) {
+    SceneMean ten(10);
+    for (int i = 0; i < 10; ++i) {
+      RawFrame frame = frame_of({}, 0);
+      frame.dn = Image(8, 8, 100);
+      frame.bits = 8;
+      frame.white_dn = 255;
+      frame.white_known = false;
+      frame.dn(0, 0) = saturated && i < 4 ? 255 : 250;
+      ten.add(frame);
+    }
+    const RawFrame mean = ten.take();
+    EXPECT_EQ(mean.dn(0, 0), saturated ? 255 : 250);
+    EXPECT_EQ(mean.white_known, saturated);
+  }
 }
 
 TEST(SceneMean, FloatsThatTellNoBlackAreAboveIt) {

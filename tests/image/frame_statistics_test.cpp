@@ -152,6 +152,8 @@ TEST(ConverterGuess, NoneWhereTheDataTellNothing) {
   EXPECT_FALSE(converter_guess(12, 2000, every).has_value());
   EXPECT_FALSE(converter_guess(8, 16, {16, 0, 0}).has_value());
   EXPECT_FALSE(converter_guess(16, -1, every).has_value());
+  EXPECT_FALSE(converter_guess(32, 201855, every).has_value());
+  EXPECT_FALSE(converter_guess(32, 200000, {20, 0, 0}).has_value());
   EXPECT_FALSE(converter_guess(16, std::numeric_limits<double>::quiet_NaN(), every).has_value());
 }
 

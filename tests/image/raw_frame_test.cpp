@@ -43,6 +43,10 @@ TEST(RawFrame, WhiteIsAGuessOfFloatsAndOfTypesThatNoCameraFills) {
   EXPECT_EQ(assumed_white_dn(8, dn.view()), 255);
   EXPECT_EQ(assumed_white_dn(0, dn.view()), 200);
   EXPECT_EQ(assumed_white_dn(24, dn.view()), 200);
+  dn(0, 3) = 3.4e38F;  // "no data", or all is of another scale
+  EXPECT_EQ(assumed_white_dn(0, dn.view()), 200);
+  dn(0, 0) = dn(0, 1) = 1e20F;
+  EXPECT_EQ(assumed_white_dn(0, dn.view()), 3.4e38F);
   RawFrame frame;
   for (const int bits : {0, 24}) {
     frame.bits = bits;

@@ -108,5 +108,5 @@ def test_what_is_no_burst_is_refused(malus, refused, camera, tmp_path):  # noqa:
     assert "mean of 3" in refused("renoise", tmp_path / "mean.tif", *MODEL, "--from", GAIN_DB, "--to", 30, "-o", tmp_path)
     assert "mean of" in malus("info", tmp_path / "mean.tif").out
     npy = malus("average", *files, "--layout", "polar-mono", "--black", camera["black"], "-o", tmp_path / "mean.npy")
-    assert "white level not known: pixels that are saturated in some" in npy.err and "black level not known" not in npy.err
+    assert "white level not known; what is saturated in some" in npy.err and "black level not known" not in npy.err
     assert "--mean-of 3" in npy.err

@@ -214,7 +214,6 @@ std::vector<double> channel_means(View<const float> dn, const SensorLayout& layo
 
 // Tables reach up to white: it has to be above black, and not so far that they never end.
 void require_range(const RawFrame& frame) {
-  constexpr double kMostDn = 4294967296.0;  // integers of 32 bits
   const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
   const bool guessed = white_is_guessed(frame);
   if (!(range_dn > 0))
@@ -222,7 +221,7 @@ void require_range(const RawFrame& frame) {
                      guessed ? "no pixel is above black, and white is not known"
                              : fmt::format("white {:g} DN is not above black", frame.white_dn),
                      "give white (" + setting("white") + ")");
-  if (!(range_dn <= kMostDn))
+  if (!(range_dn <= kMostCountedDn))
     throw InputError(
         frame.source,
         guessed

@@ -137,8 +137,9 @@ void SceneMean::add(const RawFrame& frame) {
   pixels_.add(frame.dn);
   const auto& values = frame.dn.values();
   const auto white_dn = static_cast<float>(frame.white_dn);
+  const bool no_white = white_is_guessed(frame);
   for (std::size_t i = 0; i < values.size(); ++i) {
-    if (!frame.white_known || !(values[i] >= white_dn)) continue;
+    if (no_white || !(values[i] >= white_dn)) continue;
     if (saturated_.empty()) saturated_.resize(values.size());
     ++saturated_[i];
   }
@@ -150,8 +151,10 @@ RawFrame SceneMean::take() {
   RawFrame mean = std::move(first_);
   mean.dn = pixels_.mean();
   for (std::size_t i = 0; i < saturated_.size(); ++i)
-    if (saturated_[i] > kMostSaturated * of_frames_)
+    if (saturated_[i] > kMostSaturated * of_frames_) {
       mean.dn.values()[i] = static_cast<float>(mean.white_dn);
+      mean.white_known = true;  // of codes of so many bits; the mean's values have none
+    }
   if (mean.bits == 0) mean.black_known = true;
   mean.bits = 0;
   mean.mean_of = of_frames_;
@@ -161,10 +164,14 @@ RawFrame SceneMean::take() {
 double SceneMean::changed_share() const {
   const int late_frames = pixels_.count() - of_frames_ / 2;
   if (late_frames < 1 || early_.empty()) return 0;
+  double place_black = 0;  // every place is of whole cells
+  for (int r = 0; r < place_rows_; ++r)
+    for (int c = 0; c < place_cols_; ++c) place_black += first_.black_at(r, c);
   double early_sum = 0, late_sum = 0;
   std::vector<double> early, late;
   for (std::size_t i = 0; i < early_.size(); ++i) {
-    const double a = early_.values()[i] / (of_frames_ / 2), b = late_.values()[i] / late_frames;
+    const double a = early_.values()[i] / (of_frames_ / 2) - place_black,
+                 b = late_.values()[i] / late_frames - place_black;
     const bool is_number = std::isfinite(a) && std::isfinite(b);
     early.push_back(is_number ? a : 0);
     late.push_back(is_number ? b : 0);

@@ -226,7 +226,8 @@ std::string level_complaint(const RawFrame& frame) {
 
 std::optional<ConverterGuess> converter_guess(int bits, double largest_dn, const ValueGrid& grid) {
   constexpr std::array kConverters = {8, 10, 12, 14};  // of the sensors that there are, and 16
-  if (bits <= 8 || !(largest_dn >= 0)) return std::nullopt;
+  constexpr double kMostOfAny = 65535;
+  if (bits <= 8 || !(largest_dn >= 0 && largest_dn <= kMostOfAny)) return std::nullopt;
   const int needed = std::bit_width(static_cast<unsigned>(largest_dn));
   const auto* const least = std::find_if(kConverters.begin(), kConverters.end(),
                                          [needed](int width) { return needed <= width; });

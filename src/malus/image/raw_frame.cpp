@@ -51,8 +51,14 @@ std::optional<double> white_of_bits(int bits) {
 }
 
 double assumed_white_dn(int bits, View<const float> dn) {
-  const auto white_dn = white_of_bits(bits);
-  return white_dn ? *white_dn : finite_largest(dn);
+  if (const auto white_dn = white_of_bits(bits)) return *white_dn;
+  const double largest_dn = finite_largest(dn);
+  if (largest_dn <= kMostCountedDn) return largest_dn;
+  double counted_dn = 0;
+  for (int r = 0; r < dn.rows(); ++r)
+    for (int c = 0; c < dn.cols(); ++c)
+      if (dn(r, c) <= kMostCountedDn) counted_dn = std::max(counted_dn, double{dn(r, c)});
+  return counted_dn > 0 ? counted_dn : largest_dn;
 }
 
 bool white_is_guessed(const RawFrame& frame) {

@@ -69,7 +69,11 @@ struct RawFrame {
 /// (above 16): where nobody tells it, their white is not known.
 std::optional<double> white_of_bits(int bits);
 
-/// White where nobody tells it: that of the bits, else the largest pixel (0 where none is finite).
+/// What is above all that cameras count, integers of 32 bits: a file's "no data", or a wrong scale.
+inline constexpr double kMostCountedDn = 4294967296.0;
+
+/// White where nobody tells it: that of the bits, else the largest pixel of those that can have
+/// been counted (where there is none, of all; 0 where none is finite).
 double assumed_white_dn(int bits, View<const float> dn);
 
 /// White is no more than the largest pixel: a range, but no sign that this pixel is saturated.

@@ -43,9 +43,9 @@ std::vector<float> saturation_dn(const RawFrame& frame) {
   constexpr double kRounding = 1e-6;  // of black and white to float32
   std::vector<float> limits_dn;
   for (const double black_dn : frame.black_dn)
-    limits_dn.push_back(frame.white_known
-                            ? static_cast<float>((frame.white_dn - black_dn) * (1 - kRounding))
-                            : std::numeric_limits<float>::quiet_NaN());
+    limits_dn.push_back(white_is_guessed(frame)
+                            ? std::numeric_limits<float>::quiet_NaN()
+                            : static_cast<float>((frame.white_dn - black_dn) * (1 - kRounding)));
   return limits_dn;
 }
 

@@ -13,7 +13,7 @@
 namespace malus {
 
 /// Above black, the least value of a saturated pixel of every channel of a frame whose black is not
-/// subtracted yet: white less the channel's own black. NaN where white is not known.
+/// subtracted yet: white less the channel's own black. NaN where white is a guess.
 std::vector<float> saturation_dn(const RawFrame& frame);
 
 /// How many of the layout's cells have a saturated pixel, cells that the frame's edge cuts too: all
