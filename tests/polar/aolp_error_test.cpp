@@ -1,8 +1,11 @@
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
+#include "malus/polar/internal/angle_error.h"
 #include "malus/polar/uncertainty.h"
 
 #include <array>
+#include <cmath>
+#include <limits>
 
 #include <gtest/gtest.h>
 
@@ -89,6 +92,12 @@ TEST(AolpError, OfUnpolarizedLightIsStatedAsFarAsItShows) {
              Intensities::kMeasured);
   EXPECT_NEAR(std::sqrt(none.stated.mean()), 36.1, 0.2);
   EXPECT_NEAR(none.share(), 0.768, 0.01);
+}
+
+TEST(AolpError, OfWhatIsNoNumberIsNoPlaceInATable) {
+  const double none = std::numeric_limits<double>::quiet_NaN();
+  for (const Intensities kind : {Intensities::kMeasured, Intensities::kDenoised})
+    EXPECT_TRUE(std::isnan(internal::aolp_error_deg2(none, kind)));
 }
 
 // The error's variance along one axis is twice that across: truths about estimates in any

@@ -376,6 +376,8 @@ TEST(DemosaickBayer, FillsWhatIsNoNumberAndRefusesOtherSensors) {
     EXPECT_FALSE(is_bayer(SensorLayout::named(other)));
     EXPECT_THROW(demosaick_bayer(flat, SensorLayout::named(other)), InputError);
   }
+  EXPECT_FALSE(is_bayer(SensorLayout::from_sites({{"R", "G1"}, {"G2", "mono"}})));
+  EXPECT_FALSE(is_bayer(SensorLayout::from_sites({{"R0", "G1_45"}, {"G2_90", "B135"}})));
 }
 
 }  // namespace

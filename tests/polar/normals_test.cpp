@@ -158,6 +158,9 @@ TEST(Normals, UndefinedPixelsStayUndefined) {
   EXPECT_FALSE(mean_angular_error_deg(none, none).decided());
   const StokesPlanes facing{Image(2, 2, 5.0f), Image(2, 2), Image(2, 2)};
   EXPECT_FLOAT_EQ(normals_of(facing, Image(2, 2, 1.0f), {}).z(0, 0), 1.0f);
+  // Above Brewster's angle, unpolarized reflections are those of surfaces seen edge-on.
+  const NormalSettings far{.reflection = "specular", .above_brewster = true};
+  EXPECT_TRUE(std::isnan(normals_of(facing, Image(2, 2, 1.0f), far).z(0, 0)));
 }
 
 TEST(Normals, SettingsThatAreNoneAreRefused) {

@@ -272,9 +272,11 @@ StokesPicture demosaick(View<const float> mosaic, const SensorLayout& layout, De
 bool is_bayer(const SensorLayout& layout) {
   if (layout.polarized() || layout.rows() != 2 || layout.cols() != 2) return false;
   std::array<Color, 4> sites;
-  for (int k = 0; k < 4; ++k)
-    sites[static_cast<std::size_t>(k)] =
-        display_color(layout.site(layout.channel_at(k / 2, k % 2)).color);
+  for (int k = 0; k < 4; ++k) {
+    const Site& site = layout.site(layout.channel_at(k / 2, k % 2));
+    if (site.angle_deg || site.color == Color::kMono) return false;
+    sites[static_cast<std::size_t>(k)] = display_color(site.color);
+  }
   return is_bayer_pattern(sites);
 }
 

@@ -116,6 +116,7 @@ NormalMap normals_of(const StokesPlanes& stokes, const Image& mask,
   const ZenithTable zenith_of(settings);
   const Objects objects = objects_of(mask);
   // Reflected light is polarized across the plane of incidence, light from inside along it.
+  constexpr double kFacing = 0.01;  // zenith [rad]
   const double turn_deg = settings.reflection == "diffuse" ? 0 : 90;
   NormalMap normals{Image(rows, cols, kNaN), Image(rows, cols, kNaN), Image(rows, cols, kNaN)};
   parallel_for(0, rows, kRowsPerTask, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
@@ -125,7 +126,10 @@ NormalMap normals_of(const StokesPlanes& stokes, const Image& mask,
         const double dolp = dolp_of(s), aolp_deg = aolp_deg_of(s);
         if (!(mask(r, c) > 0) || !std::isfinite(dolp)) continue;
         const double zenith = zenith_of(dolp) * std::numbers::pi / 180;
-        // Unpolarized light has no azimuth and needs none: the surface faces the camera.
+        // Unpolarized light has no azimuth. It needs none where the surface faces the camera; on
+        // the far branch of reflections it is that of a surface seen edge-on, which could lie
+        // anywhere.
+        if (std::isnan(aolp_deg) && zenith > kFacing) continue;
         const double azimuth =
             std::isnan(aolp_deg) ? 0 : (aolp_deg + turn_deg) * std::numbers::pi / 180;
         double x = std::sin(zenith) * std::cos(azimuth), y = std::sin(zenith) * std::sin(azimuth);

@@ -49,7 +49,7 @@ ErrorTable error_table(Intensities intensities) {
 
 double aolp_error_deg2(double signal, Intensities intensities) {
   const bool measured = intensities == Intensities::kMeasured;
-  if (signal >= kTabulatedSignal) {
+  if (!(signal < kTabulatedSignal)) {  // NaN stays one
     const double inverse2 = 1 / (signal * signal);
     return kHalfRadianDeg * kHalfRadianDeg * inverse2 * (1 + (measured ? 2 : 1) * inverse2);
   }
