@@ -43,6 +43,30 @@ TEST(Defects, OfTheModelAreFilled) {
   EXPECT_EQ(denoise_frame(frame, profile, {.profile = "fast"}).defect_pixels, 0);
 }
 
+// What fills a defect holds the offsets of its neighbours' rows: none of its own is to be taken
+// off.
+TEST(Defects, AreFilledWhenRowsAreTakenOut) {
+  PhysicsNoise noise = equal_channels("polar-mono", {0.2, 0.0, -0.4, 0.8, 6.0});
+  const Image clean = Image(128, 128, 5.0F);
+  RawFrame frame = drawn_frame(clean, noise, {.black_dn = 82}, 7);
+  NoiseProfile profile = profile_of(noise);
+  profile.defects = {128, 128, {}};
+  for (int r = 3; r < 128; r += 6)
+    for (int c = 3; c < 128; c += 13) {
+      profile.defects.places.push_back({r, c});
+      frame.dn(r, c) = 3000;
+    }
+  const Denoised result = denoise_frame(frame, profile, {.profile = "fast"});
+  EXPECT_EQ(result.defect_pixels, std::ssize(profile.defects.places));
+  double defects = 0, all = 0;
+  for (const DefectList::Place& p : profile.defects.places)
+    defects += std::pow(result.dn_above_black(p.row, p.col) - 5, 2);
+  for (const float dn : result.dn_above_black.values()) all += std::pow(dn - 5, 2);
+  const double of_defects = std::sqrt(defects / static_cast<double>(result.defect_pixels)),
+               of_all = std::sqrt(all / (128 * 128));
+  EXPECT_LT(of_defects, 1.5 * of_all);
+}
+
 // Far inside of what is no number there is nothing to fill one with. At its edge there is.
 TEST(Defects, AmongPixelsThatAreNoNumbersAreNoneEither) {
   const PhysicsNoise noise = equal_channels("mono", {1.5, 0.1, -0.4, 1.8, 0.6});

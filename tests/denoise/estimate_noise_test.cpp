@@ -399,7 +399,7 @@ TEST(EstimateProfile, CellsLargerThanAPatchHaveTheirNoiseToo) {
   camera.layout = SensorLayout::from_sites(sites);
   camera.quantization_dn = 0;
   camera.channels.assign(64, PhysicsChannel{0.5, 1.0, 0.0, 3 * std::sqrt(3.0), 0.0});
-  Image texture = shaded(256, 320, 100, 600);
+  Image texture = shaded(640, 640, 100, 600);
   RandomSequence random(3, 0, Draw::kOther);
   for (float& dn : texture.values()) dn *= static_cast<float>(1 + 0.1 * random.normal());
   const Estimate<PictureNoise> noise = estimate_profile(frame_of(texture, camera));

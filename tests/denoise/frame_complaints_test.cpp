@@ -70,6 +70,15 @@ TEST(ResultComplaints, NameTheMemoryThatWouldSaveTiles) {
                                 HasSubstr("for which memory 238 is enough"))));
 }
 
+TEST(ResultComplaints, NameAFrameThatIsTooSmallForItsStatedError) {
+  Denoised result = plain_result();
+  result.dn_above_black = Image(8, 100);
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}), IsEmpty());
+  result.variance_dn2 = Image(8, 100);
+  EXPECT_THAT(result_complaints(mono_frame(), result, {}),
+              ElementsAre(HasSubstr("has 8 pixels one way")));
+}
+
 TEST(ResultComplaints, NameAMeanThatMoved) {
   Denoised result = plain_result();
   result.mean_shift_dn = {-11};  // the limit is 5 % of the mean and of the deviation: 10.5

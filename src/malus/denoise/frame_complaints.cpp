@@ -51,6 +51,18 @@ std::string many_defects(const Denoised& result) {
       result.defect_pixels, percent_text(share), setting("defects", false));
 }
 
+// Beyond its edges a frame goes on as its mirror image, which of a few cells is all that is like
+// it.
+std::string few_pixels(const Denoised& result) {
+  constexpr int kEnough = 24;  // each way
+  const int least = std::min(result.dn_above_black.rows(), result.dn_above_black.cols());
+  if (!result.variance_dn2 || least >= kEnough) return {};
+  return fmt::format(
+      "has {} one way: the filter finds little but mirror images of its own pixels there, and the "
+      "stated error is too small; denoise it with more of what is around it",
+      counted(least, "pixel"));
+}
+
 std::string work_of_tiles(const Denoised& result) {
   constexpr double kMuchWork = 2;
   if (!(result.tile_work > kMuchWork)) return {};
@@ -103,6 +115,7 @@ std::vector<std::string> result_complaints(const RawFrame& before, const Denoise
   };
   add(many_defects(result));
   add(work_of_tiles(result));
+  add(few_pixels(result));
   // One cause, one line: a mean moves because the noise is another.
   const std::string noise = result.noise ? noise_complaint(*result.noise) : "";
   add(noise.empty() ? moved_mean(before, result, profile, network) : noise);

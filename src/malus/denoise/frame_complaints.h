@@ -19,8 +19,9 @@ std::vector<std::string> frame_complaints(const Denoised& result, bool polarized
                                           std::int64_t of_picture = 0);
 
 /// All that a result tells against its frame, its profile or the network that made it: the lines
-/// above, many defects, much work of small tiles, noise that is not the profile's or else a mean
-/// that moved. `network` is that one's file, empty where a filter did. `before` needs no pixels.
+/// above, many defects, much work of small tiles, a stated error of too few pixels, noise that is
+/// not the profile's or else a mean that moved. `network` is that one's file, empty where a filter
+/// did. `before` needs no pixels.
 std::vector<std::string> result_complaints(const RawFrame& before, const Denoised& result,
                                            const NoiseProfile& profile,
                                            const std::string& network = "");

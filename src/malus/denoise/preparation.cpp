@@ -28,8 +28,9 @@ struct Filling {
 
 // Mean of the finite pixels of the same channel in growing rings; NaN when none is nearby. Its
 // variance is that of the means of opposite pixels, each an estimate of its own in which slopes
-// cancel; where there are no two such pairs, that of the pixels.
-Filling filled(View<const float> dn, const SensorLayout& layout, int row, int col) {
+// cancel, but for their noise; where there are no two such pairs, that of the pixels.
+Filling filled(View<const float> dn, const NoiseProfile& profile, int row, int col) {
+  const SensorLayout& layout = profile.layout;
   constexpr int kRings = 8;
   const auto finite = [&](int i, int k) {
     const int r = row + i * layout.rows(), c = col + k * layout.cols();
@@ -51,8 +52,11 @@ Filling filled(View<const float> dn, const SensorLayout& layout, int row, int co
         if ((i < 0 || (i == 0 && k < 0)) && finite(-i, -k)) pairs.add((at(i, k) + at(-i, -k)) / 2);
       }
     if (count == 0) continue;
-    const Moments& spread = pairs.count() > 1 ? pairs : pixels;
-    return {static_cast<float>(sum / count), static_cast<float>(spread.variance())};
+    const bool in_pairs = pairs.count() > 1;
+    const double mean = sum / count, spread = in_pairs ? pairs.variance() : pixels.variance();
+    const auto k = static_cast<std::size_t>(layout.channel_at(row, col));
+    const double noise = profile.channels[k].variance(mean) / (in_pairs ? 2 : 1);
+    return {static_cast<float>(mean), static_cast<float>(std::max(spread - noise, 0.0))};
   }
   return {};
 }
@@ -75,15 +79,15 @@ void extend_into_holes(Image& dn, const SensorLayout& layout, const Places& plac
 
 // Replacements are computed from the input's own pixels before any is written.
 template <class Places>
-std::vector<FilledPixel> fill(Image& dn, const SensorLayout& layout, const Places& places) {
+std::vector<FilledPixel> fill(Image& dn, const NoiseProfile& profile, const Places& places) {
   std::vector<Filling> replacement;
-  for (const auto& p : places) replacement.push_back(filled(dn, layout, p.row, p.col));
+  for (const auto& p : places) replacement.push_back(filled(dn, profile, p.row, p.col));
   std::vector<FilledPixel> pixels;
   for (std::size_t i = 0; i < places.size(); ++i) {
     dn(places[i].row, places[i].col) = replacement[i].dn;
     pixels.push_back({places[i].row, places[i].col, replacement[i].variance_dn2});
   }
-  extend_into_holes(dn, layout, places);
+  extend_into_holes(dn, profile.layout, places);
   return pixels;
 }
 
@@ -116,34 +120,37 @@ void without_noiseless(PreparedFrame& frame, const Step& step) {
     if (frame.is_noiseless[p]) frame.dn.values()[p] = *kept++;
 }
 
-std::vector<FilledPixel> replace(Image& dn, const SensorLayout& layout,
-                                 const std::vector<DefectList::Place>& places) {
+void forget(Image& dn, const std::vector<DefectList::Place>& places) {
   for (const DefectList::Place& p : places)
-    dn(p.row, p.col) = std::numeric_limits<float>::quiet_NaN();  // none of them fills another
-  return fill(dn, layout, places);
+    dn(p.row, p.col) = std::numeric_limits<float>::quiet_NaN();
 }
 
-// Those that hold a number: others come back as they are, whatever the list says of them. A defect
-// that has nothing but these around it becomes one: what it holds is no light, and nothing tells a
-// better one.
-std::vector<FilledPixel> fill_defects(Image& dn, const SensorLayout& layout,
-                                      const DefectList& defects,
-                                      std::vector<NonfinitePixel>& nonfinite) {
-  if (defects.rows != dn.rows() || defects.cols != dn.cols()) return {};
+// Those that hold a number: others come back as they are, whatever the list says of them.
+std::vector<DefectList::Place> defects_of(View<const float> dn, const DefectList& defects) {
   std::vector<DefectList::Place> places;
+  if (defects.rows != dn.rows() || defects.cols != dn.cols()) return places;
   for (const DefectList::Place& p : defects.places)
     if (std::isfinite(dn(p.row, p.col))) places.push_back(p);
-  std::vector<FilledPixel> filled = replace(dn, layout, places);
-  for (const FilledPixel& p : filled)
-    if (!std::isfinite(dn(p.row, p.col))) nonfinite.push_back({p.row, p.col, dn(p.row, p.col)});
-  std::sort(nonfinite.begin(), nonfinite.end(), precedes);
-  std::erase_if(filled, [&](const FilledPixel& p) { return !std::isfinite(dn(p.row, p.col)); });
-  return filled;
+  return places;
+}
+
+// Places that were forgotten. A defect that has nothing but pixels without light around it becomes
+// one: what it holds is no light, and nothing tells a better one.
+void fill_defects(PreparedFrame& frame, const NoiseProfile& profile,
+                  const std::vector<DefectList::Place>& places) {
+  const Image& dn = frame.dn;
+  frame.filled = fill(frame.dn, profile, places);
+  for (const FilledPixel& p : frame.filled)
+    if (!std::isfinite(dn(p.row, p.col)))
+      frame.nonfinite.push_back({p.row, p.col, dn(p.row, p.col)});
+  std::sort(frame.nonfinite.begin(), frame.nonfinite.end(), precedes);
+  std::erase_if(frame.filled,
+                [&](const FilledPixel& p) { return !std::isfinite(dn(p.row, p.col)); });
 }
 
 // What fills them is no measurement; 0 in channels without a number.
-void fill_nonfinite(PreparedFrame& frame) {
-  fill(frame.dn, frame.layout, frame.nonfinite);
+void fill_nonfinite(PreparedFrame& frame, const NoiseProfile& profile) {
+  fill(frame.dn, profile, frame.nonfinite);
   for (const NonfinitePixel& p : frame.nonfinite)
     if (!std::isfinite(frame.dn(p.row, p.col))) frame.dn(p.row, p.col) = 0.0f;
 }
@@ -250,10 +257,10 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   prepared.layout = frame.layout;
   prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
   prepared.nonfinite = take_nonfinite(frame);
-  if (steps.fill_defects)
-    prepared.filled = fill_defects(frame.dn, frame.layout, profile.defects, prepared.nonfinite);
-  report.nonfinite_pixels = std::ssize(prepared.nonfinite);
-  report.defect_pixels = std::ssize(prepared.filled);
+  // No pixels until pattern and lines are out: what fills them has no offset of their own row.
+  const std::vector<DefectList::Place> defects =
+      steps.fill_defects ? defects_of(frame.dn, profile.defects) : std::vector<DefectList::Place>();
+  forget(frame.dn, defects);
   const internal::ChannelLevels levels = internal::channel_levels(frame, profile);
   prepared.highest_dn = levels.highest_dn;
   const std::vector<float>& saturated_dn = prepared.saturated_dn = levels.saturated_dn;
@@ -271,9 +278,14 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
     if (steps.remove_pattern) take_out_pattern(prepared, profile, saturated_dn, report);
     take_out_lines(prepared, profile, saturated_dn, steps, report);
   });
-  fill_nonfinite(prepared);
+  fill_defects(prepared, profile, defects);
+  fill_nonfinite(prepared, profile);
+  report.nonfinite_pixels = std::ssize(prepared.nonfinite);
+  report.defect_pixels = std::ssize(prepared.filled);
   if (steps.fill_impulses) {
-    const auto pixels = replace(prepared.dn, prepared.layout, find_impulses(prepared, profile));
+    const std::vector<DefectList::Place> impulses = find_impulses(prepared, profile);
+    forget(prepared.dn, impulses);
+    const std::vector<FilledPixel> pixels = fill(prepared.dn, profile, impulses);
     report.impulse_pixels = std::ssize(pixels);
     prepared.filled.insert(prepared.filled.end(), pixels.begin(), pixels.end());
   }
