@@ -130,6 +130,7 @@ RawFrame load_above_bias(const PairJob& job, const FrameGroup& group, const fs::
   const NoiseProfile profile = profile_at(job, frame.gain);
   require_layout_of_model(frame, profile.layout);
   subtract_bias(frame.dn, profile);
+  frame.white_dn -= highest_bias_dn(profile);
   return frame;
 }
 

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
+#include "malus/noise/raw_variance.h"
 
 #include <algorithm>
 #include <cmath>
@@ -14,15 +15,6 @@ namespace malus::app {
 namespace {
 
 namespace fs = std::filesystem;
-
-// How far white lies lower in the result: as far as the highest of the biases that are taken off.
-// Else what is saturated could not be told from what is nearly so.
-double lowered_white_dn(const NoiseProfile& profile) {
-  double bias_dn = 0;
-  for (const ChannelProfile& channel : profile.channels)
-    bias_dn = std::max(bias_dn, channel.bias_dn);
-  return bias_dn;
-}
 
 // A large frame's pixels exist once: they move into the file's frame and back.
 void save_mosaic(const fs::path& path, const RawFrame& header, double lowered_dn,
@@ -97,7 +89,7 @@ void check_integers_of_camera(const NoiseModel& model, const fs::path& file,
 std::vector<std::string> write_outputs(const RawFrame& header, const NoiseProfile& profile,
                                        Denoised& result, const OutputNames& names, bool force) {
   std::vector<std::string> files;
-  const double lowered_dn = lowered_white_dn(profile);
+  const double lowered_dn = highest_bias_dn(profile);
   SaveOptions save;
   save.force = force;
   save.type = SampleType::kFloat;

@@ -209,6 +209,20 @@ def test_pairs_name_references_that_white_cuts_off_and_shorts_that_are_longer(ma
     clipped = malus("pairs", session, "-o", tmp_path / "clipped", "--json")
     assert "of the reference's pixels are at white" in clipped.err
     assert clipped.json["pairs"][0]["reference_clipped_share"] == pytest.approx(0.25, abs=0.06)
+    # A model's bias is taken off, and white with it.
+    camera = f'[sensor]\nlayout = "polar-mono"\nblack = 0\nwhite = {white}\n'
+    for level, light in enumerate((0, 100, 200, 400)):
+        for i in range(2):
+            random = np.random.default_rng((level, i))
+            frame = random.normal(64, 2, (64, 64)) + random.poisson(light, (64, 64))
+            np.save(tmp_path / f"{level}_{i}.npy", frame.round().astype(np.uint16))
+        camera += (f'[[frames]]\nkind = "{"flat" if level else "bias"}"\ngain_db = 0\nlevel = {level}\n'
+                   f'exposure_s = {0.001 * light or 1e-6}\npaths = ["{level}_*.npy"]\n')
+    (tmp_path / "camera.toml").write_text(camera)
+    malus("calibrate", tmp_path / "camera.toml", "-o", tmp_path / "m.h5")
+    session.write_text(text.replace("white = 4095", f"white = {white}").replace("black = 64", "black = 0"))
+    of_model = malus("pairs", session, "-o", tmp_path / "of_model", "--model", tmp_path / "m.h5", "--ratio", 10, "--json")
+    assert of_model.json["pairs"][0]["reference_clipped_share"] == pytest.approx(0.25, abs=0.06)
     session.write_text(text.replace("exposure_s = 0.001", "exposure_s = 0.02"))
     assert "short frames of 0.02 s, longer than their reference of 0.01 s" in refused("pairs", session, "-o", tmp_path / "swapped")
 
@@ -232,8 +246,8 @@ def test_simulate_undoes_the_tone_curve_and_the_white_balance(malus, tmp_path):
     rng = np.random.default_rng(2)
     srgb = rng.integers(0, 256, (64, 64, 3), dtype=np.uint8)
     Image.fromarray(srgb).save(tmp_path / "picture.png")
-    malus("simulate", tmp_path / "picture.png", "-o", tmp_path / "out", "--layout", "bayer-rggb", "--format", "npy",
-          "--full-scale", 2000, "--white-balance", 2, 1, 1.6)
+    malus("simulate", "--white-balance", 2, 1, 1.6, tmp_path / "picture.png", "-o", tmp_path / "out", "--layout", "bayer-rggb",
+          "--format", "npy", "--full-scale", 2000)
     mosaic = np.load(tmp_path / "out/picture_clean.npy")
     value = srgb / 255.0
     linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4) * 2000 / np.array([2, 1, 1.6])

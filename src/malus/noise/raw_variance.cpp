@@ -74,6 +74,13 @@ SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLay
   });
 }
 
+double highest_bias_dn(const NoiseProfile& profile) {
+  double bias_dn = 0;
+  for (const ChannelProfile& channel : profile.channels)
+    bias_dn = std::max(bias_dn, channel.bias_dn);
+  return bias_dn;
+}
+
 void subtract_bias(Image& dn, const NoiseProfile& profile) {
   for (int r = 0; r < dn.rows(); ++r)
     for (int c = 0; c < dn.cols(); ++c) {

@@ -38,6 +38,9 @@ SaturatedCells saturated_cells(View<const float> dn_above_black, const SensorLay
 /// Takes each channel's bias off a mosaic above black, saturated pixels too. Contract: the mosaic
 /// is of the profile's layout.
 void subtract_bias(Image& dn, const NoiseProfile& profile);
+/// The highest bias of the channels, or 0: as much lower white lies where the bias is taken off.
+/// Else what is saturated could not be told from what is nearly so.
+double highest_bias_dn(const NoiseProfile& profile);
 
 /// Takes the bias off a noisy frame above black, but for saturated pixels. Returns the variance of
 /// every pixel [DN²]: the variance curve at the pixel itself (below no light carried on as its
