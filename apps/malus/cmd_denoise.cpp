@@ -10,7 +10,6 @@
 #include "malus/io/picture_file.h"
 #include "malus/noise/model.h"
 #include "malus/noise/sensor_window.h"
-#include "malus/synthesize/exact.h"
 
 #include <filesystem>
 #include <memory>
@@ -349,14 +348,10 @@ void add_denoise(CLI::App& app, Common& common) {
           "--reference-black", arguments->reference_black_dn,
           "their black level [DN] where their files tell none (else the frames', of floats 0)")
       ->needs(references);
-  command
-      ->add_option("--origin", arguments->origin,
-                   "row,column on the calibrated sensor of the first pixel, where RAW is a part "
-                   "of it: for the model's defects and fixed pattern")
-      ->delimiter(',')
-      ->expected(2)
-      ->needs(model)
-      ->check(in_range(0, kLastPosition));
+  add_origin(*command, arguments->origin,
+             "row,column on the calibrated sensor of the first pixel, where RAW is a part of it: "
+             "for the model's defects and fixed pattern")
+      ->needs(model);
   command
       ->add_flag("--extrapolate-gain", arguments->extrapolate_gain,
                  "allow a gain outside the calibrated range")

@@ -260,7 +260,8 @@ std::array<std::string, 5> cells_of(const Evaluation& e) {
 }
 
 void run_image_comparison(const EvaluateArguments& arguments, const Common& common) {
-  std::vector<fs::path> read = arguments.noise.test;
+  std::vector<fs::path> read = arguments.raw.files_read();
+  read.insert(read.end(), arguments.noise.test.begin(), arguments.noise.test.end());
   read.push_back(arguments.noise.reference.front());
   check_output_apart("--report", arguments.report, read, {}, common.force);
   const FrameOptions options = arguments.raw.resolve();

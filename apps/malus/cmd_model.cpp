@@ -25,8 +25,10 @@ struct ShowArguments {
 };
 
 void show_model(const Common& common, const ShowArguments& arguments) {
-  NoiseModel model = load_model(arguments.model);
   const GainSetting gain{arguments.gain_db, arguments.iso};
+  if (arguments.extrapolate && !gain.decibel())
+    throw CLI::ValidationError("--extrapolate-gain", "needs --gain or --iso");
+  NoiseModel model = load_model(arguments.model);
   warn_of_untold_gain(model, arguments.model, {gain});
   if (gain.decibel()) model = model_at_gain(model, gain, gain_range(arguments.extrapolate));
   print_result(common, model_json(model), model_text(model));

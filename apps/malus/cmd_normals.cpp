@@ -175,7 +175,8 @@ void run_normals(NormalsArguments arguments, const Common& common) {
   arguments.inputs = frames_of_inputs(arguments.inputs, options);
   require_headers(arguments.inputs, options);
   const OutputFolder output(arguments.folder);
-  const std::vector<fs::path> besides = {arguments.mask, arguments.reference};
+  std::vector<fs::path> besides = arguments.raw.files_read();
+  besides.insert(besides.end(), {arguments.mask, arguments.reference});
   const auto data = output_names(arguments.inputs, arguments.folder, "_normals.exr", besides);
   const auto pictures = output_names(arguments.inputs, arguments.folder, "_normals.png", besides);
   for (const auto& list : {data, pictures})

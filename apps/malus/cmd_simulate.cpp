@@ -165,8 +165,8 @@ void add_simulate(CLI::App& app, Common& common) {
       ->check(one_of({"tif", "npy", "fits", "exr"}))
       ->capture_default_str();
   add_flags(*command, arguments->response);
-  command->get_option("--color-matrix")->expected(9);
-  command->get_option("--white-balance")->expected(3);
+  command->get_option("--color-matrix")->expected(9)->allow_extra_args(false);
+  command->get_option("--white-balance")->expected(3)->allow_extra_args(false);
   add_flags(*command, arguments->scene);
 }
 

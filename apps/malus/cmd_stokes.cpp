@@ -62,7 +62,8 @@ struct ProductNames {
 // What an earlier run may have left beside an input's results and this one does not write: it would
 // look like a part of them.
 std::vector<fs::path> stale_products(const StokesArguments& arguments, const fs::path& input) {
-  std::vector<fs::path> stale, read = arguments.inputs;
+  std::vector<fs::path> stale, read = arguments.raw.files_read();
+  read.insert(read.end(), arguments.inputs.begin(), arguments.inputs.end());
   read.insert(read.end(), arguments.variance.begin(), arguments.variance.end());
   read.push_back(arguments.model);
   const auto add = [&](const char* product, const std::string& format) {
@@ -78,7 +79,8 @@ std::vector<fs::path> stale_products(const StokesArguments& arguments, const fs:
 }
 
 std::vector<ProductNames> plan_product_files(const StokesArguments& arguments, bool force) {
-  std::vector<fs::path> besides = arguments.variance;
+  std::vector<fs::path> besides = arguments.raw.files_read();
+  besides.insert(besides.end(), arguments.variance.begin(), arguments.variance.end());
   besides.push_back(arguments.model);
   const auto named = [&](const std::string& suffix) {
     return output_names(arguments.inputs, arguments.folder, suffix, besides);

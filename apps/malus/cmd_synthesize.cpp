@@ -303,12 +303,8 @@ void add_synthesize(CLI::App& app, Common& common) {
                    "number decide the noise")
       ->check(frame_number())
       ->capture_default_str();
-  command
-      ->add_option("--origin", arguments->origin,
-                   "row,column on the sensor of the first pixel, where CLEAN is a crop")
-      ->delimiter(',')
-      ->expected(2)
-      ->check(in_range(0, kLastPosition));
+  add_origin(*command, arguments->origin,
+             "row,column on the sensor of the first pixel, where CLEAN is a crop");
   command->add_flag("--float", arguments->as_float,
                     "write DN above black, unrounded, instead of the camera's integers");
   command->add_option("--format", arguments->format, "ending of the results")

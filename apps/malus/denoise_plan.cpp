@@ -18,7 +18,8 @@ constexpr const char *kRecord = "_denoised.json", *kIntegers = "_denoised_u16.ti
                      *kPlanes = "_planes.exr", *kVariance = "_variance.exr";
 
 std::vector<fs::path> read_besides(const DenoiseArguments& arguments) {
-  std::vector<fs::path> read = arguments.references;
+  std::vector<fs::path> read = arguments.raw.files_read();
+  read.insert(read.end(), arguments.references.begin(), arguments.references.end());
   read.push_back(arguments.model);
   return read;
 }

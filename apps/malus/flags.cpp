@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/synthesize/exact.h"
 
 #include <charconv>
 #include <limits>
@@ -120,5 +121,16 @@ CLI::Validator accepted_by(std::function<void(const std::string&)> read) {
 }
 
 CLI::Validator frame_number() { return counting_number(std::numeric_limits<std::uint32_t>::max()); }
+
+CLI::Option* add_origin(CLI::App& command, std::vector<int>& place, const std::string& help) {
+  const auto take = [&place](const std::vector<int>& told) {
+    if (told.size() != 2) throw CLI::ValidationError("--origin", "must be row,column");
+    place = told;
+  };
+  return command.add_option_function<std::vector<int>>("--origin", take, help)
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->check(in_range(0, kLastPosition));
+}
 
 }  // namespace malus::app

@@ -119,6 +119,10 @@ std::vector<std::string> given_settings(const CLI::App& command) {
   return given;
 }
 
+/// --origin, "row,column" in one argument: what follows it is another's. Place: unchanged where the
+/// flag is not given.
+CLI::Option* add_origin(CLI::App& command, std::vector<int>& place, const std::string& help);
+
 /// Of results that describe themselves, too.
 template <class Settings>
 nlohmann::ordered_json settings_json(const Settings& settings) {

@@ -46,7 +46,9 @@ RawFrame layout_and_levels(const std::filesystem::path& path, const FrameOptions
 }
 
 void run_from_dng(const FromDngArguments& arguments, const Common& common) {
-  check_output_apart("--output", arguments.model, {arguments.frame}, {}, common.force);
+  std::vector<fs::path> read = arguments.raw.files_read();
+  read.push_back(arguments.frame);
+  check_output_apart("--output", arguments.model, read, {}, common.force);
   const DngNoiseProfile profile = read_dng_noise_profile(arguments.frame);
   NoiseModel model =
       gaussian_model_of(profile, layout_and_levels(arguments.frame, arguments.raw.resolve()));

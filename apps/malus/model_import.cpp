@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "networks_door.h"
+#include "output_check.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -29,6 +30,10 @@ void run_import_weights(const ImportArguments& arguments, const Common& common) 
   request.settings = json_object_of(arguments.settings, "--settings");
   request.package = json_object_of(arguments.package, "--package");
   request.force = common.force;
+  if (request.output.extension() != ".safetensors")
+    throw InputError(request.output.string(), "is no name of a weight file",
+                     "let it end in .safetensors");
+  check_output_apart("--output", request.output, {request.checkpoint}, {}, common.force);
   const auto json = networks().import_checkpoint(request);
   print_result(
       common, json,

@@ -269,6 +269,7 @@ NoiseModel model_at_gain(const NoiseModel& model, const GainSetting& gain, GainR
   if (model.physics.empty()) {
     if (!model.gaussian.empty()) reduced.gaussian = {model.gaussian_at(gain)};
     if (!model.nonparametric.empty()) reduced.nonparametric = {model.nonparametric_at(gain)};
+    if (model.gaussian.empty() && model.nonparametric.empty()) model.dark_frames_at(gain);
     return reduced;
   }
   const GainParameters p = model.parameters_at(gain, range);

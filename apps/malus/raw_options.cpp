@@ -111,6 +111,12 @@ FrameOptions RawOptions::resolve() const {
   return options;
 }
 
+std::vector<std::filesystem::path> RawOptions::files_read() const {
+  std::vector<std::filesystem::path> files = dark_;
+  files.push_back(session_);
+  return files;
+}
+
 std::vector<std::filesystem::path> frames_of_inputs(
     const std::vector<std::filesystem::path>& inputs, const FrameOptions& options) {
   std::vector<std::filesystem::path> frames;

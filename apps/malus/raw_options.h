@@ -33,6 +33,8 @@ class RawOptions {
   }
   std::optional<double> white_dn() const { return white_dn_; }
   bool has_dark() const { return !dark_.empty(); }
+  /// What is read besides the frames, which no result may replace; empty names are none.
+  std::vector<std::filesystem::path> files_read() const;
 
  private:
   std::string layout_, raw_format_, size_;

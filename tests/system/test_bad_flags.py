@@ -78,6 +78,7 @@ def test_wrong_usage_exits_2(malus, arguments):
     *(["denoise", "f.npy", "-o", "out", "--method", method, "--uncertainty"]
       for method in ("vst-bm3d", "paper-mbm3d")),
     ["denoise", "f.npy", "-o", "out", "--extrapolate-gain"],
+    ["model", "show", "m", "--extrapolate-gain"],
     ["denoise", "f.npy", "-o", "out", "--reference-ratio", "2"],
     *(["evaluate", "--reference", "f.npy", "--test", "f.npy", "--noise", *flags]
       for flags in (["--ratio", "2"], ["--peak", "9"], ["--report", "r.html"], ["--kind", "gaussian"], ["--frames", "3"])),
@@ -98,6 +99,7 @@ def test_flags_that_do_not_go_together_exit_2(malus, tmp_path, arguments):
     ("synthesize f.npy -m m -o out", "--white inf", "finite number"),
     ("synthesize f.npy -m m -o out", "--frames 1.5", "whole number between 1 and 1000000"),
     ("synthesize f.npy -m m -o out", "--origin 0,nan", "whole number"),
+    ("synthesize f.npy -m m -o out", "--origin 4", "row,column"),
     ("simulate p.png -o out", "--exposure nan", "between 1e-06 and 1000000"),
     ("simulate p.png -o out", "--white-balance nan 1 1", "between 0.01 and 100"),
     ("simulate p.png -o out", "--color-matrix 1 0 0 0 1 0 0 0 nan", "finite number"),

@@ -285,7 +285,7 @@ def test_synthesized_frames_begin_with_a_whole_cell(malus, refused, tmp_path):
         line = refused(*run, "--origin", origin)
         assert "flat.npy: row" in line and "is not a multiple of" in line and "--origin" in line
     assert not (tmp_path / "out").exists()
-    malus(*run, "--origin", "4,2")
+    malus(run[0], "--origin", "4,2", *run[1:])  # what follows it is no part of it
 
 
 def test_pictures_of_several_channels_have_no_black_level(malus, tmp_path):
@@ -334,6 +334,7 @@ def test_calibrate_replaces_nothing_that_it_reads(malus, refused, tmp_path):
         assert before == {path: path.read_bytes() for path in tmp_path.iterdir()}
     malus(*arguments, "-o", model, "--report", tmp_path / "m.html")
     malus(*arguments, "-o", model, "--report", "/dev/null")
+    assert "dark frames of 0 dB only" in refused("model", "show", model, "--gain", 8)
 
 
 def test_reports_of_experiments_and_trainings_replace_nothing_that_is_read(refused, tmp_path):
@@ -387,6 +388,8 @@ def test_results_replace_nothing_that_is_read(refused, frame, tmp_path):
     model = ["--model", "imx250mzr-simulated"]
     for arguments, read in (
             (["denoise", frame, *LAYOUT, "--format", "npy", "--reference"], "frame_denoised.npy"),
+            (["denoise", frame, *LAYOUT[:2], "--format", "npy", "--dark"], "frame_denoised.npy"),
+            (["denoise", frame, *LAYOUT[:2], "--dark", tmp_path / "frame_renoised.npy", "--report"], "frame_renoised.npy"),
             (["normals", frame, *LAYOUT, "--reference"], "frame_normals.png"),
             (["normals", frame, *LAYOUT, "--mask"], "frame_normals.png"),
             (["stokes", frame, *LAYOUT, "--variance"], "frame_s0.png"),

@@ -145,6 +145,11 @@ def test_checkpoints_that_do_not_fit_are_refused(refused, tmp_path):
     assert "levels" in line(state, settings='{"levels": 100}')
     assert "values" in line(state, settings='{"levels": 8, "width": 8}')
     assert "--package" in line(state, extra=["--package", '{"domian": "linear"}'])
+    (tmp_path / "own.safetensors").write_bytes(whole)
+    for named, words in (("own.safetensors", "is an input"), ("w.pth", "end in .safetensors")):
+        assert words in refused("model", "import-weights", tmp_path / "own.safetensors", "--architecture", "unet", "-o",
+                                tmp_path / named, "--force")
+    assert (tmp_path / "own.safetensors").read_bytes() == whole
 
 
 def test_nothing_in_a_checkpoint_runs(refused, tmp_path):
