@@ -4,6 +4,9 @@
 #include "malus/neural/internal/network_size.h"
 #include "malus/neural/loss.h"
 
+#include <algorithm>
+
+#include "problem_of.h"
 #include "small_networks.h"
 #include "support.h"
 #include <gtest/gtest.h>
@@ -227,7 +230,8 @@ TEST(StokesLoss, MatchesItsClosedForm) {
   EXPECT_NEAR(l1_distance(output, target).item<double>(), 0.3 / 4, 1e-12);
 }
 
-// One of four angles is not known: three values remain for L1, and the Stokes parameter S2 alone.
+// One of four angles is not known: three of four values remain for L1, and of three Stokes
+// parameters S2 alone. What is left out adds nothing to a mean over all of them.
 TEST(Losses, LeaveOutWhatTheTargetDoesNotTell) {
   const auto layout = SensorLayout::named("polar-mono");
   auto target = torch::rand({1, 4, 1, 1}, torch::kDouble);
@@ -237,18 +241,38 @@ TEST(Losses, LeaveOutWhatTheTargetDoesNotTell) {
   output.requires_grad_();
   target.select(1, layout.find(Color::kMono, 0)).fill_(std::nan(""));
   const auto l1 = l1_distance(output, target), stokes = stokes_loss(output, target, layout);
-  EXPECT_NEAR(l1.item<double>(), 0.6 / 3, 1e-12);
-  EXPECT_NEAR(stokes.item<double>(), 0.3, 1e-12);
+  EXPECT_NEAR(l1.item<double>(), 0.6 / 4, 1e-12);
+  EXPECT_NEAR(stokes.item<double>(), 0.3 / 3, 1e-12);
   (l1 + stokes).backward();
   const auto gradient_of = [&](int angle) {
     return output.grad().select(1, layout.find(Color::kMono, angle)).item<double>();
   };
   EXPECT_EQ(gradient_of(0), 0);
-  EXPECT_NEAR(gradient_of(45), 1.0 / 3 + 1, 1e-12);
-  EXPECT_NEAR(gradient_of(90), 1.0 / 3, 1e-12);
-  EXPECT_NEAR(gradient_of(135), 1.0 / 3 - 1, 1e-12);
+  EXPECT_NEAR(gradient_of(45), 1.0 / 4 + 1.0 / 3, 1e-12);
+  EXPECT_NEAR(gradient_of(90), 1.0 / 4, 1e-12);
+  EXPECT_NEAR(gradient_of(135), 1.0 / 4 - 1.0 / 3, 1e-12);
   const auto nothing = l1_distance(output, torch::full_like(target, std::nan("")));
   EXPECT_EQ(nothing.item<double>(), 0);
+}
+
+// Workers share a batch, whose patches are not known alike: the mean of theirs is the whole's.
+TEST(Losses, OfPartsHaveTheMeanOfTheWhole) {
+  const auto layout = SensorLayout::named("polar-mono");
+  const auto output = torch::rand({4, 4, 3, 5}), target = torch::rand({4, 4, 3, 5});
+  const float whole = l1_distance(output, target).item<float>();
+  EXPECT_EQ(whole, ((output - target).abs().sum() / target.numel()).item<float>());
+  target[0].slice(2, 0, 3).fill_(std::nan(""));
+  target[3][1].fill_(std::nan(""));
+  TrainSettings settings;
+  for (const char* loss : {"l1", "stokes", "l1+stokes"}) {
+    settings.loss = loss;
+    const auto of = [&](int begin, int end) {
+      return training_loss(settings, layout, output.slice(0, begin, end),
+                           target.slice(0, begin, end))
+          .item<double>();
+    };
+    EXPECT_NEAR((of(0, 2) + of(2, 4)) / 2, of(0, 4), 1e-7) << loss;
+  }
 }
 
 }  // namespace

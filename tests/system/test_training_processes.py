@@ -110,6 +110,15 @@ def start_two(path, out, rank="RANK", size="WORLD_SIZE", resume=False, second=()
     ]
 
 
+def same_gradients(*folders):
+    one, two = (tensors(folder / "checkpoint.safetensors")[0] for folder in folders)
+    gradients = [name for name in one if name.startswith("first_moment/")]
+    assert gradients
+    for name in gradients:  # after one step the first moment is 0.1 of the gradient
+        assert np.abs(10 * one[name] - 10 * two[name]).max() < 1e-6, name
+    assert max(np.abs(one[name]).max() for name in gradients) > 1e-4
+
+
 @pytest.mark.parametrize(
     "rank,size",
     [
@@ -129,12 +138,51 @@ def test_two_workers_have_the_gradients_of_one_with_the_whole_batch(malus, confi
     for process in start_two(path, tmp_path / "two", rank, size, resume=True):  # at its end already
         out, err = process.communicate(timeout=120)
         assert process.returncode == 0, err
-    one, two = (tensors(tmp_path / name / "checkpoint.safetensors")[0] for name in ("one", "two"))
-    gradients = [name for name in one if name.startswith("first_moment/")]
-    assert gradients
-    for name in gradients:  # after one step the first moment is 0.1 of the gradient
-        assert np.abs(10 * one[name] - 10 * two[name]).max() < 1e-6, name
-    assert max(np.abs(one[name]).max() for name in gradients) > 1e-4
+    same_gradients(tmp_path / "one", tmp_path / "two")
+
+
+PAIRS = """
+[network]
+architecture = "unet"
+width = 4
+levels = 2
+[package]
+layout = "polar-mono"
+[data]
+pairs = ["pairs.json"]
+example = 64
+patch = 64
+pool = 3
+[noise]
+models = ["imx250mzr-simulated"]
+[train]
+steps = {steps}
+checkpoint_every = {checkpoint_every}
+batch = 4
+warm_up = 0
+loss = "{{loss}}"
+timeout = 20
+"""
+
+
+@pytest.mark.parametrize("loss", ["l1", "stokes"])
+def test_two_workers_share_a_batch_whose_patches_are_not_known_alike(malus, config, tmp_path, monkeypatch, loss):
+    monkeypatch.setenv("NVIDIA_TF32_OVERRIDE", "0")
+    random = np.random.default_rng(5)
+    pairs = []
+    for white_columns in (0, 20, 56):
+        reference = random.uniform(300, 500, (64, 64)).astype(np.float32)
+        np.save(tmp_path / f"short{white_columns}.npy", reference + random.normal(0, 20, (64, 64)).astype(np.float32))
+        reference[:, :white_columns] = 5000
+        np.save(tmp_path / f"reference{white_columns}.npy", reference)
+        pairs.append({"short": f"short{white_columns}.npy", "reference": f"reference{white_columns}.npy", "ratio": 1, "gain_db": 12, "iso": None})
+    (tmp_path / "pairs.json").write_text(json.dumps({"pairs": pairs}))
+    path = config(1, text=PAIRS.replace("{{loss}}", loss))
+    malus("train", path, "-o", tmp_path / "one", "--threads", "1")
+    for process in start_two(path, tmp_path / "two"):
+        out, err = process.communicate(timeout=120)
+        assert process.returncode == 0, err
+    same_gradients(tmp_path / "one", tmp_path / "two")
 
 
 @pytest.mark.parametrize("second,setting", [(("--set", "train.learning_rate=0.1"), "train.learning_rate"),

@@ -10,12 +10,13 @@
 
 namespace malus {
 
-/// Eq. 8: mean |y - x| over all values whose target is known; NaN is none (RawPair). 0 where there
-/// are none.
+/// Eq. 8: mean |y - x| over all values. One whose target is not known, which is NaN (RawPair), adds
+/// nothing but counts: workers hold equal parts of a batch, whatever is known of them, and the mean
+/// over parts is that of the whole.
 torch::Tensor l1_distance(const torch::Tensor& output, const torch::Tensor& target);
 
 /// Eq. 9: over the colours of the layout, the mean L1 distance of (S0, S1, S2), where the planes
-/// are light. Of a target, those count whose angles are all known. Planes are [batch, channel, row,
+/// are light. Of a target, those are known whose angles all are. Planes are [batch, channel, row,
 /// col] in the layout's channel order. Contract: layout.polarized() and as many channels.
 torch::Tensor stokes_loss(const torch::Tensor& output, const torch::Tensor& target,
                           const SensorLayout& layout);
