@@ -1,7 +1,9 @@
 // A Noise Flow's training as its configuration and files describe it.
 #include "malus/base/random.h"
+#include "malus/io/pair_list.h"
 #include "malus/io/picture_file.h"
 #include "malus/neural/noise_flow_training.h"
+#include "malus/noise/model.h"
 
 #include <algorithm>
 #include <cmath>
@@ -115,6 +117,95 @@ TEST(NoiseFlow, APatternThatMatchesNoFileIsRefused) {
   const RecordedFlow flow;
   const std::string problem = problem_of([&] { flow.train("100", R"(["noisy.npy", "nosy_*"])"); });
   EXPECT_NE(problem.find("\"nosy_*\" matches no file"), std::string::npos) << problem;
+}
+
+// The same frames as a list of one pair, of a camera that knows its sensor of 96 x 96 pixels.
+struct CapturedFlow : RecordedFlow {
+  CapturedFlow() {
+    write("100", "\"noisy.npy\"");
+    NoiseModel model = load_model("imx250mzr-simulated");
+    model.physics.front().dark_shading_dn = Image(96, 96);
+    model.defects = {{41, 50, "hot", 9.0}};
+    save_model(model, folder / "sensor.h5");
+  }
+  NoiseFlowConfig config_with(const std::string& reference) const {
+    save_pair_list({{.name = "dusk_00",
+                     .noisy = folder / "noisy.npy",
+                     .reference = folder / reference,
+                     .picture = {},
+                     .gain = {.gain_db = 12, .iso = {}}}},
+                   folder / "pairs.json");
+    return load_noise_flow_config(
+        folder / "flow.toml",
+        {.pairs = {folder / "pairs.json"}, .models = {folder / "sensor.h5"}, .settings = {}});
+  }
+  std::string log_with(const std::string& reference) const {
+    return train_noise_flow(config_with(reference), 0).record["log"].dump();
+  }
+};
+
+TEST(NoiseFlow, DefectsThatTheModelListsAreNotLearntFrom) {
+  const CapturedFlow flow;
+  SaveOptions again;
+  again.force = true;
+  Image clean_dn = load_picture(flow.folder / "clean.npy").planes[0];
+  const auto learnt = [&](int row, float dn) {
+    Image other = clean_dn;
+    other(row, 50) = dn;
+    save_picture(flow.folder / "clean.npy", other, again);
+    return flow.log_with("clean.npy");
+  };
+  EXPECT_EQ(learnt(41, 500), learnt(41, 2000));
+  EXPECT_NE(learnt(43, 500), learnt(43, 2000));
+}
+
+// A reference may be of another white than the sensor's, which its file tells, as other trainings
+// on pairs believe it.
+TEST(NoiseFlow, WhiteOfAReferenceIsThatOfItsFile) {
+  const CapturedFlow flow;
+  RawFrame reference;
+  reference.layout = SensorLayout::named("polar-mono");
+  reference.black_dn.assign(4, 0.0);
+  reference.white_dn = 900;
+  reference.black_known = reference.white_known = reference.layout_known = true;
+  const Image clean_dn = load_picture(flow.folder / "clean.npy").planes[0];
+  SaveOptions again;
+  again.force = true;
+  const auto learnt = [&](float corner_dn) {
+    reference.dn = clean_dn;
+    for (int r = 0; r < 20; ++r) std::fill_n(reference.dn.row(r), 20, corner_dn);
+    save_frame(flow.folder / "reference.tif", reference, again);
+    return flow.log_with("reference.tif");
+  };
+  EXPECT_EQ(learnt(890), learnt(2000));
+  EXPECT_NE(learnt(800), learnt(2000));
+}
+
+TEST(NoiseFlow, EveryListHoldsPairs) {
+  const CapturedFlow flow;
+  (void)flow.config_with("clean.npy");
+  save_pair_list({}, flow.folder / "empty.json");
+  const std::string problem = problem_of([&] {
+    load_noise_flow_config(flow.folder / "flow.toml",
+                           {.pairs = {flow.folder / "pairs.json", flow.folder / "empty.json"},
+                            .models = {},
+                            .settings = {}});
+  });
+  EXPECT_NE(problem.find("empty.json: holds no pairs"), std::string::npos) << problem;
+}
+
+// Unlike a frame, whose ends tell noise from noise.
+TEST(NoiseFlow, AModelIsKnownByAllThatItHolds) {
+  const testing::TemporaryFolder folder;
+  NoiseFlowConfig config;
+  config.model = folder / "model.h5";
+  const auto contents_with = [&](char middle) {
+    const std::string half(1 << 17, 'a');
+    std::ofstream(config.model) << half << middle << half;
+    return config_json(config)["contents"].dump();
+  };
+  EXPECT_EQ(contents_with('b'), contents_with('b'));
+  EXPECT_NE(contents_with('b'), contents_with('c'));
 }
 
 // White between the blacks of two channels leaves one of them no signal.

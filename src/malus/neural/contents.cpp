@@ -109,4 +109,10 @@ std::string contents_of(const std::vector<fs::path>& files) {
   return hash.text();
 }
 
+std::string contents_of_model(const fs::path& model) {
+  Hash hash;
+  add_model(hash, model);
+  return hash.text();
+}
+
 }  // namespace malus

@@ -84,10 +84,11 @@ std::vector<NoiseFlowFiles> read_pairs(const ConfigSection& section) {
 std::vector<NoiseFlowFiles> captured_pairs(const std::vector<fs::path>& lists) {
   std::vector<NoiseFlowFiles> pairs;
   for (const fs::path& list : lists) {
-    for (const RecordedPair& pair : load_pair_list(list))
-      pairs.push_back({pair.noisy, pair.reference, pair.gain, pair.ratio, pair.bias_at});
-    if (pairs.empty())
+    const std::vector<RecordedPair> recorded = load_pair_list(list);
+    if (recorded.empty())
       throw InputError(list.string(), "holds no pairs", "make some with malus pairs");
+    for (const RecordedPair& pair : recorded)
+      pairs.push_back({pair.noisy, pair.reference, pair.gain, pair.ratio, pair.bias_at});
   }
   return pairs;
 }
@@ -100,7 +101,10 @@ class PairFrames {
     options_.black_dn = config.sensor.black_dn;
     options_.white_dn = config.sensor.white_dn;
     white_dn_ = white_above_black(config.sensor.white_dn, config.sensor.black_dn);
-    if (!config.model.empty()) model_ = load_model(config.model);
+    if (config.model.empty()) return;
+    model_ = load_model(config.model);
+    if (!model_->defects.empty() && !model_->physics.empty())  // the same at every gain
+      defects_ = model_->profile_at(model_->physics.front().gain).defects;
   }
 
   NoiseFlowPair load(const NoiseFlowFiles& files) {
@@ -129,14 +133,26 @@ class PairFrames {
     return std::move(frame.dn);
   }
 
+  // Of integers the sensor's; of floats, which have a black and a light of their own, what their
+  // file tells, if anything.
+  double white_of(const RawFrame& reference, const fs::path& path) const {
+    if (reference.bits > 0) return white_dn_;
+    FrameOptions options;
+    options.layout = options_.layout;
+    const RawFrame told = probe_frame(path, options).frame;
+    return told.white_known ? white_above_black(told.white_dn, told.black_dn) : white_dn_;
+  }
+
   // Several noisy frames in a row may share it.
   const Image& clean_of(const NoiseFlowFiles& files) {
     if (files.clean == clean_.clean && files.ratio == clean_.ratio &&
         files.bias_at == clean_.bias_at && !clean_dn_.empty())
       return clean_dn_;
     clean_ = files;
-    Image reference_dn = above_black(load_frame(files.clean, options_));
-    mark_unknown(reference_dn, white_dn_);
+    RawFrame reference = load_frame(files.clean, options_);
+    const double white_dn = white_of(reference, files.clean);
+    Image reference_dn = above_black(std::move(reference));
+    mark_unknown(reference_dn, white_dn, defects_);
     clean_dn_ = light_of_reference(std::move(reference_dn), files.ratio,
                                    model_ ? &*model_ : nullptr, files.bias_at);
     return clean_dn_;
@@ -145,6 +161,7 @@ class PairFrames {
   FrameOptions options_;
   double white_dn_;
   std::optional<NoiseModel> model_;
+  DefectList defects_;
   NoiseFlowFiles clean_;
   Image clean_dn_;
 };
@@ -194,7 +211,7 @@ nlohmann::json config_json(const NoiseFlowConfig& config) {
   }
   nlohmann::json contents{{"pairs", contents_of(files)}};
   // Whose bias the clean frames lose.
-  if (fs::is_regular_file(config.model)) contents["models"] = contents_of({config.model});
+  if (fs::is_regular_file(config.model)) contents["models"] = contents_of_model(config.model);
   return {{"network", {{"architecture", kNoiseFlowArchitecture}}},
           {"sensor",
            {{"layout", config.sensor.layout},

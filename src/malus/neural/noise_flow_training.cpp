@@ -58,7 +58,7 @@ std::vector<std::int64_t> places_of_crops(const torch::Tensor& noise, int crop,
   if (free.size(0) == 0)
     throw InputError(name,
                      fmt::format("leaves no crop of {} pixels of a plane: everywhere some are at "
-                                 "white, or no numbers, in it or in its clean frame",
+                                 "white, or no numbers, in it or in its clean frame, or defects",
                                  crop),
                      "expose less, give a smaller crop, or leave the pair out");
   const auto starts = (free.select(1, 0) * cols + free.select(1, 1)).contiguous();

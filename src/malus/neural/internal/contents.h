@@ -19,7 +19,8 @@ namespace malus {
 /// count, so that folders can be moved. Throws InputError where a file cannot be read.
 nlohmann::json contents_json(const TrainingConfig& config);
 
-/// The hash of such files of data. Throws InputError.
+/// The hash of such files of data, and that of a noise model. Throws InputError.
 std::string contents_of(const std::vector<std::filesystem::path>& files);
+std::string contents_of_model(const std::filesystem::path& model);
 
 }  // namespace malus
