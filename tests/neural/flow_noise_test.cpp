@@ -198,6 +198,32 @@ TEST(FlowNoise, FilesThatDescribeThemselvesWrongAreRefusedByName) {
   EXPECT_NE(refused({{"steps", 64}, {"width", 1024}}).find("fewer weights"), std::string::npos);
 }
 
+// Finite, but no flow's: a mixing that nothing undoes, deviations and scales that float does not
+// hold, at one end of the gains or at both.
+TEST(FlowNoise, FilesWhoseDrawsAreNoNumbersAreRefusedByName) {
+  const TemporaryFolder folder;
+  NoiseFlowModel(known_flow().sensor(), 2, 4).save(folder / "flow.safetensors", {});
+  const TensorFile whole = load_tensor_file(folder / "flow.safetensors");
+  const auto refused = [&](const char* weight, float value) {
+    TensorFile file = whole;
+    file.tensors.at(weight) = from_torch(to_torch(file.tensors.at(weight)).fill_(value));
+    save_tensor_file(file, folder / "changed.safetensors");
+    return problem_of([&] { NoiseFlowModel(folder / "changed.safetensors"); });
+  };
+  EXPECT_EQ(refused("slope", -6), "");
+  for (const auto& [weight, value] :
+       std::initializer_list<std::pair<const char*, float>>{{"step_0.mixing", 0.0F},
+                                                            {"step_1.mixing", 1.0F},
+                                                            {"slope", 500},
+                                                            {"slope_gain", 60},
+                                                            {"offset", -500},
+                                                            {"gain", 100},
+                                                            {"gain_slope", 60}}) {
+    const std::string line = refused(weight, value);
+    EXPECT_NE(line.find("changed.safetensors: "), std::string::npos) << weight << ": " << line;
+  }
+}
+
 // Files from before the gains were kept tell the lowest and the highest.
 TEST(FlowNoise, OlderFilesHaveTheEndsOfTheirGains) {
   NoiseFlowSensor sensor;

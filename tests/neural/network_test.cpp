@@ -219,6 +219,25 @@ TEST(Weights, OfAnotherNetworkAreRefused) {
   EXPECT_THROW(load_weights(*network, extra, "", "f"), InputError);
 }
 
+// What a network builds of its settings: by another index it would look up other weights.
+TEST(Weights, BuffersThatAreNotTheNetworksOwnAreRefused) {
+  for (const char* name : {"malus", "uformer"}) {
+    const NetworkDescription description = testing::small_network(name);
+    TensorFile file = weights_of(*make_network(description), description);
+    EXPECT_NO_THROW(make_network(description, file, "f"));
+    const auto buffer = std::ranges::find_if(file.tensors, [](const auto& item) {
+      return item.first.ends_with("relative_position_index");
+    });
+    ASSERT_NE(buffer, file.tensors.end()) << name;
+    torch::Tensor index = to_torch(buffer->second);
+    index.view(-1)[3] += 1;
+    buffer->second = from_torch(index);
+    const std::string line = testing::problem_of([&] { make_network(description, file, "f"); });
+    EXPECT_TRUE(line.starts_with("f: ")) << line;
+    EXPECT_NE(line.find(buffer->first), std::string::npos) << line;
+  }
+}
+
 // One pixel that differs by d in I0 alone changes S0 by d/2 and S1 by d: the mean over 3 Stokes
 // values is d/2.
 TEST(StokesLoss, MatchesItsClosedForm) {

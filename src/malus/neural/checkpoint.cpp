@@ -13,6 +13,8 @@ namespace {
 
 using Json = nlohmann::json;
 
+constexpr const char* kBuffers = "buffers/";
+
 std::string start_again() {
   return fmt::format("train anew: without {}, with {}", setting("resume", true),
                      setting("force", true));
@@ -29,7 +31,7 @@ void for_each_tensor(TrainingState& state, Visit&& visit) {
     visit("second_moment/" + item.key(), state.adam.second_moments()[i]);
     ++i;
   }
-  for (auto& item : state.network.named_buffers()) visit("buffers/" + item.key(), item.value());
+  for (auto& item : state.network.named_buffers()) visit(kBuffers + item.key(), item.value());
 }
 
 // What changes nothing in a step, nor what a validation sees. The cosine's rate follows from the
@@ -110,7 +112,12 @@ void load_checkpoint(TrainingState& state, const Json& description,
     if (stored == file.tensors.end() || torch::IntArrayRef(stored->second.shape) != tensor.sizes())
       throw InputError(path.string(), fmt::format("lacks \"{}\" or its size differs", name),
                        start_again());
-    tensor.copy_(to_torch(stored->second));
+    if (!name.starts_with(kBuffers))
+      tensor.copy_(to_torch(stored->second));
+    else if (!is_as_built(tensor, stored->second))
+      throw InputError(path.string(),
+                       fmt::format("\"{}\" is not what the network's settings make it", name),
+                       start_again());
   });
 }
 

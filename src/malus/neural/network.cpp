@@ -213,12 +213,18 @@ StoredTensor from_torch(const torch::Tensor& tensor) {
   return stored;
 }
 
+bool is_as_built(const torch::Tensor& buffer, const StoredTensor& stored) {
+  const torch::Tensor values = to_torch(stored);
+  return torch::equal(buffer.to(torch::kCPU, values.scalar_type()), values);
+}
+
 void load_weights(Network& network, const TensorFile& file, const std::string& prefix,
                   const std::string& source) {
   const torch::NoGradGuard no_gradients;
   std::size_t used = 0, present = 0;
   for (const auto& [name, unused] : file.tensors) present += name.starts_with(prefix) ? 1 : 0;
-  for_each_state(network, [&](const std::string& name, const torch::Tensor& state) {
+  const auto stored_for = [&](const std::string& name,
+                              const torch::Tensor& state) -> const StoredTensor& {
     const auto found = file.tensors.find(prefix + name);
     if (found == file.tensors.end())
       throw InputError(source, fmt::format("it lacks the weight \"{}\"", prefix + name),
@@ -227,9 +233,17 @@ void load_weights(Network& network, const TensorFile& file, const std::string& p
       throw InputError(
           source, fmt::format("weight \"{}\" has another shape than the network's", prefix + name),
           "give weights of this architecture and size");
-    torch::Tensor(state).copy_(to_torch(found->second));
     ++used;
-  });
+    return found->second;
+  };
+  for (const auto& item : network.named_parameters())
+    torch::Tensor(item.value()).copy_(to_torch(stored_for(item.key(), item.value())));
+  for (const auto& item : network.named_buffers())
+    if (!is_as_built(item.value(), stored_for(item.key(), item.value())))
+      throw InputError(
+          source,
+          fmt::format("\"{}\" is not what the network's settings make it", prefix + item.key()),
+          "give weights of this architecture and size");
   if (used != present)
     throw InputError(source,
                      fmt::format("has {} of no layer of the network",

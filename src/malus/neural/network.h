@@ -46,10 +46,13 @@ std::shared_ptr<Network> make_network(const NetworkDescription& description, con
 std::int64_t parameter_count(const Network& network);
 
 /// Copies weights by name, with an optional prefix in the file. Every parameter and buffer must be
-/// there with its shape and nothing may be left over; throws InputError with the first name that
-/// does not fit.
+/// there with its shape, a buffer as the network built it (is_as_built), and nothing may be left
+/// over; throws InputError with the first name that does not fit.
 void load_weights(Network& network, const TensorFile& file, const std::string& prefix,
                   const std::string& source);
+
+/// Whether a file holds a buffer as the network built it, of its settings alone.
+bool is_as_built(const torch::Tensor& buffer, const StoredTensor& stored);
 
 /// The state of a network as float32 tensors with metadata "architecture" and "settings".
 TensorFile weights_of(const Network& network, const NetworkDescription& description);

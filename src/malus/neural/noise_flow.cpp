@@ -58,6 +58,12 @@ torch::Tensor FlowStepImpl::inverse(const torch::Tensor& z, const torch::Tensor&
   return torch::conv2d(mixed, back.unsqueeze(-1).unsqueeze(-1));
 }
 
+bool FlowStepImpl::can_be_undone() const {
+  const auto [back, failed] = torch::linalg_inv_ex(mixing_.to(torch::kDouble));
+  return failed.item().toInt() == 0 &&
+         back.to(mixing_.scalar_type()).isfinite().all().item().toBool();
+}
+
 NoiseFlow::NoiseFlow(std::int64_t channels, std::int64_t steps, std::int64_t width)
     : channels_(channels) {
   const auto values = [&](const char* name) {
@@ -114,6 +120,20 @@ torch::Tensor NoiseFlow::inverse(torch::Tensor z, const torch::Tensor& clean,
   z = z * torch::exp(log_gain(gain));
   for (std::size_t i = before_.size(); i-- > 0;) z = before_[i]->inverse(z, clean, gain);
   return z * torch::exp(log_deviation(clean, gain));
+}
+
+bool NoiseFlow::draws_numbers(double gain) {
+  for (const auto* steps : {&before_, &after_})
+    for (const FlowStep& step : *steps)
+      if (!step->can_be_undone()) return false;
+  constexpr float kFar = 4;  // deviations of a normal draw
+  const auto four = [&](std::vector<float> values) {
+    return torch::tensor(values).view({4, 1, 1, 1}).expand({4, channels_, 3, 3});
+  };
+  const auto normals = four({-kFar, kFar, -kFar, kFar}), clean = four({0, 0, 1, 1}),
+             gains = torch::full({4}, gain, torch::kFloat);
+  return log_deviation(clean, gains).isfinite().all().item().toBool() &&
+         inverse(normals, clean, gains).isfinite().all().item().toBool();
 }
 
 torch::Tensor NoiseFlow::log_likelihood(const torch::Tensor& noise, const torch::Tensor& clean,

@@ -27,6 +27,8 @@ class FlowStepImpl : public torch::nn::Module {
                         const torch::Tensor& gain, torch::Tensor& log_det);
   torch::Tensor inverse(const torch::Tensor& z, const torch::Tensor& clean,
                         const torch::Tensor& gain);
+  /// Whether inverse() can take the mixing back.
+  bool can_be_undone() const;
 
  private:
   /// Logarithm of scale (bounded) and shift for the second half of the planes.
@@ -50,6 +52,10 @@ class NoiseFlow : public torch::nn::Module {
   Normals forward(const torch::Tensor& noise, const torch::Tensor& clean,
                   const torch::Tensor& gain);
   torch::Tensor inverse(torch::Tensor z, const torch::Tensor& clean, const torch::Tensor& gain);
+
+  /// Whether what is drawn at a gain (g) are numbers, without light and at white: finite weights
+  /// may describe mixings that cannot be undone, or deviations that float does not hold.
+  bool draws_numbers(double gain);
 
   /// Natural logarithm of the density of each picture's noise, [batch].
   torch::Tensor log_likelihood(const torch::Tensor& noise, const torch::Tensor& clean,

@@ -132,6 +132,17 @@ void fill(NoiseFlow& network, const TensorFile& file, const std::string& source)
     throw InputError(source, "holds weights that belong to no layer", kGiveAFlow);
 }
 
+void require_numbers(NoiseFlow& network, const NoiseFlowSensor& sensor, const std::string& source) {
+  const torch::NoGradGuard no_gradients;
+  for (const double db : {sensor.lowest_gain_db, sensor.highest_gain_db}) {
+    const GainSetting gain = GainSetting::at_decibel(db, sensor.gains_in_iso);
+    if (!network.draws_numbers(NoiseFlowModel::log_gain(gain)))
+      throw InputError(source,
+                       fmt::format("its weights make noise of no numbers at {}", gain.text()),
+                       "train again");
+  }
+}
+
 // Standard normals by place in the whole frame, so that a crop draws the frame's own.
 Image normals_at(int rows, int cols, const DrawAddress& address) {
   Image normals(rows, cols);
@@ -277,6 +288,7 @@ NoiseFlowModel::NoiseFlowModel(const std::filesystem::path& path) {
                      kGiveAFlow);
   }
   fill(*state_->network, file, source);
+  require_numbers(*state_->network, state_->sensor, source);
 }
 
 const NoiseFlowSensor& NoiseFlowModel::sensor() const { return state_->sensor; }
