@@ -265,6 +265,25 @@ TEST(FrameInDomain, ChannelsOfAnEstimateShareOneLine) {
   EXPECT_LT(spread(), 1e-3);
 }
 
+// Shot noise alone leaves none where there is no light: units of it would be 0.
+TEST(FrameInDomain, NoNoiseIsNoUnit) {
+  const Camera camera(64, 64);
+  NoiseProfile profile = camera.profile;
+  for (ChannelProfile& channel : profile.channels) channel.variance = VarianceCurve::affine(2, 0);
+  PackageSettings settings;
+  settings.domain = "linear";
+  settings.noise_input = "units";
+  const NetworkFrame frame = prepare_network_frame(camera.noisy(), profile, settings);
+  const auto deviation_at = [&](float dn) {
+    const torch::Tensor planes = frame.domain.noise_planes(Image(8, 8, dn));
+    EXPECT_TRUE(torch::equal(planes, torch::full_like(planes, planes.max().item<float>())));
+    return planes.max().item<double>() * frame.domain.scale();
+  };
+  EXPECT_NEAR(deviation_at(200), 20, 1e-5);
+  EXPECT_NEAR(deviation_at(0), Stabilizer::kLeastDeviation * frame.frame.highest_dn, 1e-8);
+  EXPECT_EQ(deviation_at(-5), deviation_at(0));
+}
+
 TEST(FrameInDomain, AsksForTheRatioWhereItNeedsIt) {
   const Camera camera(64, 64);
   PackageSettings settings;

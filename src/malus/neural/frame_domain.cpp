@@ -99,7 +99,8 @@ FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& f
     : layout_(SensorLayout::named(settings.layout)),
       phase_(frame.layout.phase_in(layout_).value()),
       stabilised_(settings.domain == "stabilised"),
-      noise_level_(settings.noise_input != "none") {
+      noise_level_(settings.noise_input != "none"),
+      least_deviation_dn_(Stabilizer::kLeastDeviation * frame.highest_dn) {
   NoiseProfile profile = noise;
   profile.channels = in_order_of(layout_, frame.layout, phase_, noise);
   for (const ChannelProfile& channel : profile.channels) {
@@ -166,7 +167,8 @@ torch::Tensor FrameDomain::noise_planes(View<const float> noisy_dn,
   const CellPhase at = first.value_or(phase_);
   if (noise_level_ && !stabilised_)
     return mapped(noisy_dn, at, [&](std::size_t channel, double value) {
-      return std::sqrt(std::max(variances_[channel](std::max(value, 0.0)), 0.0));
+      const double variance_dn2 = std::max(variances_[channel](std::max(value, 0.0)), 0.0);
+      return std::max(std::sqrt(variance_dn2), least_deviation_dn_);
     });
   return torch::full(
       {1, noise_level_ ? 1 : 0, packed_size(at.row + noisy_dn.rows(), layout_.rows()),

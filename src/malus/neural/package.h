@@ -140,7 +140,7 @@ class FrameDomain {
   torch::Tensor noisy_planes(View<const float> dn, std::optional<CellPhase> first = {}) const;
   /// A noise-free signal: guide and target. Its planes are the means that noisy_planes has.
   torch::Tensor clean_planes(View<const float> dn, std::optional<CellPhase> first = {}) const;
-  /// [1, 1 or P, rows, cols], or none ([1, 0, rows, cols]).
+  /// [1, 1 or P, rows, cols], or none ([1, 0, rows, cols]); above 0.
   torch::Tensor noise_planes(View<const float> noisy_dn, std::optional<CellPhase> first = {}) const;
   /// How far light at a pixel of the frame [DN above black and bias] lies above the code that noise
   /// is cut off at, in deviations of the dark noise; infinite where nothing is.
@@ -156,6 +156,7 @@ class FrameDomain {
   SensorLayout layout_;
   CellPhase phase_;  ///< of the frame's first pixel
   bool stabilised_, noise_level_;
+  double least_deviation_dn_;  ///< of the noise planes, as the Stabilizer's
   double scale_ = 1;
   std::vector<Stabilizer> stabilizers_;  ///< empty in the linear domain
   std::vector<std::optional<NoiseLaw>> laws_;

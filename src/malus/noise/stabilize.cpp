@@ -16,9 +16,6 @@ constexpr double kLeastNegativeSlopes = 1.0 / 4;
 // this squared too high: 1.6e-4 K.
 constexpr double kInverseStep = 0.05;
 constexpr double kMarginDeviations = 9.0;  // of the tables beyond the signals that occur
-// Least deviation, of the highest signal: stabilised values stay below 2^18, which float32 holds to
-// a 64th of a deviation. Of integers in a container of 16 bits it is less than their rounding.
-constexpr double kNoiseFloor = 4e-6;
 // Of the forward table: kLeastKnots at least, and more where steps would be wider than half a dark
 // deviation (a white level nobody knows makes signals of 16 bits of them).
 constexpr double kLeastKnots = 8192, kMostKnots = 65536, kKnotsPerDeviation = 2;
@@ -31,7 +28,7 @@ Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn)
     : Stabilizer(variance, highest_dn, NoiseLaw::gaussian(variance)) {}
 
 Stabilizer::Stabilizer(const VarianceCurve& variance, double highest_dn, const NoiseLaw& law)
-    : variance_(variance), floor_dn2_(std::pow(kNoiseFloor * highest_dn, 2)) {
+    : variance_(variance), floor_dn2_(std::pow(kLeastDeviation * highest_dn, 2)) {
   MALUS_REQUIRE(highest_dn > 0 && std::isfinite(highest_dn));
   if (variance_.is_affine()) {
     const double slope = variance_.slope_dn();

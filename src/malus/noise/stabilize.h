@@ -19,8 +19,12 @@ namespace malus {
 
 class Stabilizer {
  public:
-  /// highest_dn: largest signal above black that occurs, > 0. No deviation is taken as less than
-  /// 4e-6 of it: the transformation of a channel without noise would not exist.
+  /// Of the highest signal: no deviation is taken as less, for the transformation of a channel
+  /// without noise would not exist. Stabilised values stay below 2^18, which float32 holds to a
+  /// 64th of a deviation. Of integers in a container of 16 bits it is less than their rounding.
+  static constexpr double kLeastDeviation = 4e-6;
+
+  /// highest_dn: largest signal above black that occurs, > 0.
   /// law: distribution of the samples, of which the curve may be a multiple (a stronger or weaker
   /// denoising); the inverse is unbiased for it whatever the curve.
   Stabilizer(const VarianceCurve& variance, double highest_dn, const NoiseLaw& law);
