@@ -221,6 +221,62 @@ TEST(ModelRenoiser, RoundsToWholeNumbersWhereTheModelHasNoStep) {
   }
 }
 
+NonparametricCalibration of_four_channels(NonparametricCalibration levels) {
+  levels.gain = testing::kGain;
+  levels.channels.assign(4, levels.channels[0]);
+  levels.sigma_row_dn.assign(4, 0.0);
+  levels.K.assign(4, levels.K[0]);
+  return levels;
+}
+
+// Physics is quiet here beside what was measured, whose rounding its levels hold already.
+TEST(ModelRenoiser, NaiveNoiseIsOfTheKindThatIsAskedFor) {
+  NoiseModel model = testing::bayer_model();
+  const PhysicsNoise measured = mono(2.0, 5.0, 0, -3);
+  model.nonparametric = {of_four_channels(as_calibrated(measured, 8, 1.2))};
+  for (const bool rounded : {false, true})
+    for (const double level : {150.0, 900.0}) {
+      const ModelRenoiser renoiser(model, testing::kGain, testing::kGain,
+                                   {.kind = "nonparametric", .method = "naive"}, rounded);
+      const Image noisy(200, 200);
+      Image dn(200, 200, static_cast<float>(level));
+      const LevelCoverage coverage = renoiser.apply(noisy, dn, {.seed = 3});
+      EXPECT_EQ(coverage.pixels, 40000);
+      EXPECT_EQ(coverage.above, level > 700 ? 40000 : 0);
+      const PixelDistribution truth(measured.channels[0], measured.parts, 1.0, level);
+      const Moments m = testing::moments_of(dn);
+      // Five standard errors of a variance are 3.5 %.
+      EXPECT_NEAR(m.variance() / truth.variance_dn2(), 1, 0.05) << level << rounded;
+      EXPECT_NEAR(m.mean(), level - 3 + (rounded ? 64 : 0), 0.03 * std::sqrt(truth.variance_dn2()));
+    }
+}
+
+// Its pixels are those of their channels, wherever it begins.
+TEST(ModelRenoiser, APartOfAFrameIsThatOfTheWhole) {
+  NoiseModel model = testing::bayer_model();
+  model.black_dn = {64, 100, 140, 180};
+  model.quantization_dn = 0;
+  NonparametricCalibration levels = of_four_channels(as_calibrated(mono(2.0, 5.0, 0, -3), 8, 1.2));
+  levels.channels[0].level_dn.resize(5);
+  levels.channels[0].pmf.resize(5);
+  levels.channels[0].samples.resize(5);
+  model.nonparametric = {levels};
+  const Image noisy(32, 32, 400.0f);
+  for (const RenoiseSettings& settings :
+       {RenoiseSettings{}, {.method = "naive"}, {.kind = "nonparametric", .method = "naive"}}) {
+    const ModelRenoiser renoiser(model, testing::kGain, testing::kGain, settings, true);
+    Image whole(32, 32, 400.0f), part(9, 7, 400.0f);
+    renoiser.apply(noisy, whole, {.seed = 3});
+    const LevelCoverage coverage =
+        renoiser.apply(noisy.view().window(3, 5, 9, 7), part, {.seed = 3, .row0 = 3, .col0 = 5});
+    for (int r = 0; r < 9; ++r)
+      for (int c = 0; c < 7; ++c)
+        ASSERT_EQ(part(r, c), whole(3 + r, 5 + c)) << settings.kind << settings.method;
+    // Of channel 0, known up to 150 DN: rows 4, 6, 8, 10 and columns 6, 8, 10.
+    EXPECT_EQ(coverage.above, settings.kind == "nonparametric" ? 12 : 0);
+  }
+}
+
 // Under the same seed and number: noise added twice would otherwise be the same words twice.
 TEST(ModelRenoiser, AddsOtherNoiseAtEveryStep) {
   const NoiseModel model = load_model("imx250mzr-simulated");

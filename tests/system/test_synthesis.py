@@ -123,6 +123,9 @@ def test_renoise_refuses_quieter_targets_and_missing_guides(malus, refused, tmp_
     usage = malus(*arguments, "--from", 6, "--to", 18, "--guide", tmp_path / "a.npy", tmp_path / "b.npy", code=2)
     assert "one per frame" in usage.err
     assert "outside the calibrated range" in refused(*arguments, "--from", 6, "--to", 90)
+    # By either method the noise is of the kind that is asked for, which this model does not hold.
+    for method in ("noise-on-noise", "naive"):
+        assert "holds no nonparametric model" in refused(*arguments, "--from", 6, "--to", 18, "--method", method, "--kind", "nonparametric")
 
 
 def test_the_renoise_experiment_believes_a_stated_layout(refused, tmp_path):

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <mutex>
+#include <utility>
 
 #include <pthread.h>
 
@@ -22,6 +23,20 @@ const int fork_handlers = pthread_atfork([] { cache_mutex.lock(); }, [] { cache_
                                          [] { cache_mutex.unlock(); });
 
 }  // namespace
+
+LevelSampler sampler_of_levels(const NoiseModel& model, const NonparametricCalibration& calibration,
+                               int row_group, bool rounded_later) {
+  const double lowest_black = model.black_dn.empty()
+                                  ? 0.0
+                                  : *std::min_element(model.black_dn.begin(), model.black_dn.end());
+  const double highest_dn = (model.white_dn > 0 ? model.white_dn : kHighestInteger) - lowest_black;
+  if (rounded_later && model.quantization_dn > 0)
+    return {model.layout, calibration, row_group, highest_dn, {model.quantization_dn}};
+  NonparametricCalibration recorded = calibration;
+  for (NonparametricChannel& channel : recorded.channels)
+    channel = as_recorded(std::move(channel), model.quantization_dn);
+  return {model.layout, recorded, row_group, highest_dn};
+}
 
 std::shared_ptr<const GainTables> GainTableCache::at(
     const GainSetting& gain, const std::function<GainTables(const GainSetting& gain)>& make) {

@@ -16,6 +16,9 @@
 
 namespace malus {
 
+/// Of what is written; and white where none is known.
+inline constexpr double kHighestInteger = 65535.0;
+
 /// One kind of noise at one gain; the members that the kind does not use are empty.
 struct GainTables {
   GainSetting gain;
@@ -27,6 +30,11 @@ struct GainTables {
                                                ///< differs
   double global_bias_dn = 0;  ///< the mean frame's bias, mean over the channels; 0 without bias
 };
+
+/// Draws the measured noise of a model's calibration up to white. rounded_later: into output that
+/// will be rounded to the camera's step. row_group 0: no row noise.
+LevelSampler sampler_of_levels(const NoiseModel& model, const NonparametricCalibration& calibration,
+                               int row_group, bool rounded_later);
 
 /// The tables of the gains drawn last. Safe to use from several threads, and in a process that was
 /// forked while they drew.

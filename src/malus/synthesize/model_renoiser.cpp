@@ -2,6 +2,7 @@
 
 #include "malus/base/random.h"
 #include "malus/base/settings_check.h"
+#include "malus/synthesize/gain_tables.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <bit>
@@ -43,11 +44,17 @@ ModelRenoiser::ModelRenoiser(const NoiseModel& model, const GainSetting& from,
     : layout_(model.layout), from_(from), to_(to) {
   require_settings(settings);
   if (rounded) rounding_ = CameraOutput{model.black_dn, model.white_dn, model.quantization_dn};
+  const SynthesisKind kind = synthesis_kind(settings.kind);
   if (settings.method == "naive") {
-    naive_.emplace(target_physics(model, to, rounded));
+    if (kind == SynthesisKind::kNonparametric) {
+      const NonparametricCalibration target = model.nonparametric_at(to);
+      ranges_ = level_ranges(target);
+      naive_levels_ = sampler_of_levels(model, target, model.row_group, rounded);
+    } else {
+      naive_.emplace(target_physics(model, to, rounded));
+    }
     return;
   }
-  const SynthesisKind kind = synthesis_kind(settings.kind);
   if (kind == SynthesisKind::kNonparametric)
     ranges_ = common_ranges(level_ranges(model.nonparametric_at(from)),
                             level_ranges(model.nonparametric_at(to)));
@@ -57,14 +64,17 @@ ModelRenoiser::ModelRenoiser(const NoiseModel& model, const GainSetting& from,
 LevelCoverage ModelRenoiser::apply(View<const float> noisy_dn, View<float> guide_dn,
                                    const DrawAddress& address) const {
   LevelCoverage coverage;
-  if (!ranges_.empty()) coverage = level_coverage(layout_, ranges_, guide_dn);
+  if (!ranges_.empty())
+    coverage = level_coverage(layout_, ranges_, guide_dn, address.row0, address.col0);
   DrawAddress step = address;
   step.seed = seed_between(address.seed, from_, to_);
   if (naive_)
     naive_->apply(guide_dn, guide_dn, second_noise(step));
+  else if (naive_levels_)
+    naive_levels_->apply(guide_dn, guide_dn, second_noise(step));
   else
     renoiser_->apply(noisy_dn, guide_dn, guide_dn, step);
-  if (rounding_) round_as_camera(guide_dn, layout_, *rounding_);
+  if (rounding_) round_as_camera(guide_dn, layout_, *rounding_, address.row0, address.col0);
   return coverage;
 }
 

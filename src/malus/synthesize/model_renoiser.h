@@ -43,9 +43,9 @@ class ModelRenoiser {
 
   /// noisy_dn and guide_dn, the clean signal as a denoiser sees it: DN above black. The result
   /// takes the guide's place: DN above black, or where it is rounded the camera's, with black,
-  /// clipped to 0..white. The noise is a function of the address and of the two gains: a frame that
-  /// was renoised under the same seed and number gets other words at the next step. Returns how
-  /// much of the guide the model knows the noise of.
+  /// clipped to 0..white. The frame begins at address.row0, address.col0. The noise is a function
+  /// of the address and of the two gains: a frame that was renoised under the same seed and number
+  /// gets other words at the next step. Returns how much of the guide the model knows the noise of.
   LevelCoverage apply(View<const float> noisy_dn, View<float> guide_dn,
                       const DrawAddress& address) const;
 
@@ -55,6 +55,7 @@ class ModelRenoiser {
   std::vector<LevelRange> ranges_;  ///< that a non-parametric model knows the added noise of
   std::optional<Renoiser> renoiser_;
   std::optional<CompiledNoise> naive_;
+  std::optional<LevelSampler> naive_levels_;  ///< in its place for measured noise
   std::optional<CameraOutput> rounding_;
 };
 

@@ -23,7 +23,6 @@ namespace malus {
 namespace {
 
 constexpr std::ptrdiff_t kRowsPerPiece = 16;
-constexpr double kHighestInteger = 65535.0;  // of what is written; and white where none is known
 
 template <class Change>
 void change_pixels(View<const float> from, View<float> to, const Change& change) {
@@ -220,24 +219,14 @@ GainTables Synthesizer::make_tables(const GainSetting& gain) const {
   }
   if (kind_ == SynthesisKind::kNonparametric) {
     const NonparametricCalibration calibration = model_->nonparametric_at(gain);
-    const double lowest_black =
-        model_->black_dn.empty()
-            ? 0.0
-            : *std::min_element(model_->black_dn.begin(), model_->black_dn.end());
-    const double highest_dn =
-        (model_->white_dn > 0 ? model_->white_dn : kHighestInteger) - lowest_black;
     const int row_group = settings_.row ? model_->row_group : 0;
     for (const NonparametricChannel& channel : calibration.channels)
       tables.global_bias_dn +=
           level_moments(channel, 0).mean_dn / static_cast<double>(calibration.channels.size());
-    NonparametricCalibration recorded = calibration;
-    for (NonparametricChannel& channel : recorded.channels)
-      channel = as_recorded(std::move(channel), model_->quantization_dn);
-    tables.levels.emplace(model_->layout, recorded, row_group, highest_dn);
+    tables.levels = sampler_of_levels(*model_, calibration, row_group, false);
     tables.level_ranges = level_ranges(calibration);
     if (model_->quantization_dn > 0)
-      tables.rounded_levels.emplace(model_->layout, calibration, row_group, highest_dn,
-                                    LevelRounding{model_->quantization_dn});
+      tables.rounded_levels = sampler_of_levels(*model_, calibration, row_group, true);
     return tables;
   }
   tables.parameters.emplace(*model_,
