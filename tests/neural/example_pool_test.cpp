@@ -71,10 +71,11 @@ TEST(Pool, HandsOnWhatItsMakerThrows) {
 
 // One maker that takes 1 ms for an example, two places, steps of 12 ms: twelve examples per step,
 // six for each place, of which nine tenths are asked for; at most one. With 10 ms, eight places and
-// 8 ms they are 0.8 and 0.09. Sleeps are never too short, and a busy machine lengthens both.
+// 8 ms they are 0.8 and 0.09, whatever a validation takes meanwhile. Sleeps are never too short,
+// and a busy machine lengthens both.
 TEST(Pool, MeasuresHowManyNewExamplesNoStepWaitsFor) {
   const auto sleep_ms = [](int ms) { std::this_thread::sleep_for(std::chrono::milliseconds(ms)); };
-  const auto measured = [&](int maker_ms, int places, int step_ms) {
+  const auto measured = [&](int maker_ms, int places, int step_ms, int validation_ms) {
     const PoolShape shape{.batch = places,
                           .first_place = 0,
                           .places = places,
@@ -91,14 +92,21 @@ TEST(Pool, MeasuresHowManyNewExamplesNoStepWaitsFor) {
     for (int step = 0; step < ExamplePool::kMeasuringSteps; ++step) {
       pool.batch(step);
       sleep_ms(step_ms);
+      if (step != ExamplePool::kMeasuringSteps / 2) continue;
+      const Stopwatch beside;
+      sleep_ms(validation_ms);
+      pool.leave_out(beside.seconds());
     }
     EXPECT_TRUE(pool.refresh_is_due(ExamplePool::kMeasuringSteps));
     return pool.measured_refresh();
   };
-  EXPECT_EQ(measured(1, 2, 12), 1);
-  const double slow = measured(10, 8, 8);
-  EXPECT_GT(slow, 0.03);
-  EXPECT_LT(slow, 0.27);
+  EXPECT_EQ(measured(1, 2, 12, 0), 1);
+  for (const int validation_ms : {0, 800}) {
+    const int step_ms = validation_ms > 0 ? 2 : 8;
+    const double slow = measured(step_ms + step_ms / 4, 8, step_ms, validation_ms);
+    EXPECT_GT(slow, 0.03) << validation_ms;
+    EXPECT_LT(slow, 0.27) << validation_ms;
+  }
 }
 
 // Until the refresh is known all steps draw from the first generation; from there on they are the

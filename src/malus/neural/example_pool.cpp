@@ -105,10 +105,15 @@ bool ExamplePool::refresh_is_due(std::int64_t step) const {
 
 double ExamplePool::measured_refresh() const {
   const std::lock_guard lock(mutex_);
-  const double steps_s = pace_.since.seconds() - (waiting_s_ - pace_.waited_s);
+  const double steps_s = pace_.since.seconds() - (waiting_s_ - pace_.waited_s) - pace_.left_out_s;
   const double step_s = steps_s / (pace_.steps + 1 - kSettlingSteps);
   const double examples_per_s = std::max(shape_.makers, 1) * pace_.examples / pace_.making_s;
   return std::clamp(kShareOfPace * examples_per_s * step_s / shape_.places, 1e-4, 1.0);
+}
+
+void ExamplePool::leave_out(double seconds) {
+  const std::lock_guard lock(mutex_);
+  pace_.left_out_s += seconds;
 }
 
 void ExamplePool::set_refresh(const Refresh& refresh) {
@@ -175,6 +180,7 @@ TrainingExample ExamplePool::batch(std::int64_t step) {
   if (++pace_.steps == kSettlingSteps) {
     pace_.since = {};
     pace_.waited_s = waiting_s_;
+    pace_.left_out_s = 0;
   }
   // The last one stays: it may be in the making.
   for (; first_generation_ < oldest && generations_.size() > 1; ++first_generation_)

@@ -93,7 +93,9 @@ class Trainer {
       state_.seconds = before + stopwatch.seconds();
       if (config_.data.refresh == 0 && pool.refresh_is_due(state_.step))
         state_.refresh = settled_refresh(pool, state_.step, workers_, device_);
+      const Stopwatch beside;
       after_step(figures, validation, pool.waiting_s() / (state_.seconds - before));
+      pool.leave_out(beside.seconds());
     }
     if (!leader()) return {{"rank", workers_.rank()}};
     if (const std::string complaint = watch_.complaint(); !complaint.empty())

@@ -78,6 +78,9 @@ class ExamplePool {
   /// New examples per place and step that the makers keep up with, a tenth of their pace left.
   /// Contract: it is due.
   double measured_refresh() const;
+  /// Seconds since the last batch() that were no part of its step, as a validation's; else they
+  /// would count as the step's.
+  void leave_out(double seconds);
   /// Contract: refresh.from is the step that comes next.
   void set_refresh(const Refresh& refresh);
 
@@ -90,8 +93,9 @@ class ExamplePool {
   struct Pace {
     double examples = 0, making_s = 0;  ///< of all makers together
     int steps = 0;
-    double waited_s = 0;   ///< at the first step that counts
-    Stopwatch since = {};  ///< that step
+    double waited_s = 0;    ///< at the first step that counts
+    double left_out_s = 0;  ///< since that step
+    Stopwatch since = {};   ///< that step
   };
   ExamplePool(Maker maker, const PoolShape& shape, std::uint64_t seed);  ///< without threads
   std::int64_t newest_wanted(std::int64_t step) const;
