@@ -13,8 +13,10 @@
 #include "malus/io/picture_file.h"
 #include "malus/io/shard_read.h"
 #include "malus/neural/internal/camera_noise.h"
+#include "malus/noise/fixed_pattern.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/same_sensor.h"
+#include "malus/noise/sensor_window.h"
 #include "malus/synthesize/dataset.h"
 #include "malus/synthesize/pairs.h"
 
@@ -222,8 +224,9 @@ class CapturedPairs final : public PairSource {
     if (clean.size() > 1) pair.clean_rgb_dn = Planes(3, 0, 0);
     for (int k = 0; k < pair.clean_rgb_dn.channels(); ++k)
       pair.clean_rgb_dn[k] = part_of(clean[static_cast<std::size_t>(k) + 1], part);
-    // The reference is of the same pixels: their pattern is in both, no noise between the two.
     pair.profile = denoising_profile(pair.noisy, model_, recorded.gain, gains_);
+    add_dark_pattern(pair.profile, recorded);
+    cut_defects(pair.profile, clean.front(), part);
     pair.ratio = recorded.ratio;
     return pair;
   }
@@ -237,6 +240,22 @@ class CapturedPairs final : public PairSource {
   }
 
  private:
+  // The reference is of the same pixels. What they make of light is in both alike, no noise between
+  // the two; of their dark signal the clean picture holds the ratio's part alone.
+  void add_dark_pattern(NoiseProfile& profile, const RecordedPair& recorded) const {
+    std::vector<PatternDeviation> left = pattern_deviations_at(model_, recorded.gain, profile);
+    for (PatternDeviation& d : left) d = {0, d.dsnu_dn * std::abs(1 - 1 / recorded.ratio)};
+    add_pattern_noise(profile, left);
+  }
+
+  // Those of the piece, which preparation fills in it as in a whole frame.
+  static void cut_defects(NoiseProfile& profile, const Image& whole, const MosaicWindow& part) {
+    if (profile.defects.rows == whole.rows() && profile.defects.cols == whole.cols())
+      cut_to_window(profile, {part.row0, part.col0}, part.rows, part.cols, "a piece of a pair");
+    else
+      profile.defects = {};
+  }
+
   RawFrame load_of_sensor(const fs::path& path) const {
     RawFrame frame = load_frame(path);
     take_layout_of_model(frame, model_.layout);

@@ -1,0 +1,99 @@
+// Captured pairs of a sensor whose pixels the model knows. Truth: the frames that the test wrote.
+#include "malus/base/random.h"
+#include "malus/base/statistics.h"
+#include "malus/io/picture_file.h"
+#include "malus/neural/internal/example_pool.h"
+#include "malus/neural/internal/raw_pairs.h"
+
+#include <cmath>
+#include <fstream>
+
+#include "support.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using testing::TemporaryFolder;
+
+constexpr int kSensorSide = 64;
+const GainSetting kPairGain{.gain_db = 12, .iso = {}};
+
+// A model of it, and one pair of frames that cover it.
+struct SensorPairs {
+  SensorPairs(double dsnu_dn, const std::vector<DefectPixel>& defects) {
+    NoiseModel model = load_model("imx250mzr-simulated");
+    for (PhysicsCalibration& p : model.physics) p.dsnu_dn.assign(4, dsnu_dn);
+    model.physics.front().dark_shading_dn = Image(kSensorSide, kSensorSide);
+    model.defects = defects;
+    save_model(model, folder / "sensor.h5");
+    noise = model.profile_at(kPairGain).channels[0].variance;
+    config.source = "config.toml";
+    config.package.settings.layout = "polar-mono";
+    config.pairs = {folder / "pairs.json"};
+    config.models = {folder / "sensor.h5"};
+  }
+  RawPair pair_of(const Image& noisy_dn, const Image& reference_dn, double ratio) const {
+    SaveOptions save;
+    save.force = true;
+    save_picture(folder / "short.npy", noisy_dn, save);
+    save_picture(folder / "reference.npy", reference_dn, save);
+    std::ofstream(folder / "pairs.json")
+        << R"({"pairs": [{"short": "short.npy", "reference": "reference.npy", "ratio": )" << ratio
+        << R"(, "gain_db": 12, "iso": null}]})";
+    return make_pair_source(config)->pair(1, 0);
+  }
+  TemporaryFolder folder;
+  TrainingConfig config;
+  VarianceCurve noise;
+};
+
+// A pixel's dark signal d is in both, but the clean picture is the reference over the ratio: the
+// difference holds d (1 - 1 / ratio). 4096 pixels: 5 standard errors of a variance are 11 %.
+TEST(SensorPairs, DarkSignalThatTheRatioTakesFromTheReferenceIsNoise) {
+  constexpr double kDsnuDn = 12, kLightDn = 40;
+  const SensorPairs pairs(kDsnuDn, {});
+  RandomSequence random(3, 0, Draw::kOther);
+  Image pattern_dn(kSensorSide, kSensorSide), noisy_dn(pattern_dn), reference_dn(pattern_dn);
+  for (std::size_t i = 0; i < pattern_dn.size(); ++i) {
+    const double dark_dn = kDsnuDn * random.normal();
+    pattern_dn.values()[i] = static_cast<float>(dark_dn);
+    noisy_dn.values()[i] =
+        static_cast<float>(kLightDn + dark_dn + std::sqrt(pairs.noise(kLightDn)) * random.normal());
+  }
+  for (const double ratio : {1.0, 10.0, 0.5}) {
+    for (std::size_t i = 0; i < pattern_dn.size(); ++i)
+      reference_dn.values()[i] = static_cast<float>(ratio * kLightDn) + pattern_dn.values()[i];
+    const RawPair pair = pairs.pair_of(noisy_dn, reference_dn, ratio);
+    Moments difference;
+    for (std::size_t i = 0; i < pattern_dn.size(); ++i)
+      difference.add(double{pair.noisy.dn.values()[i]} - double{pair.clean_dn.values()[i]});
+    const double told = pair.profile.channels[0].variance(kLightDn);
+    EXPECT_NEAR(told / difference.variance(), 1, 0.11) << ratio;
+    if (ratio == 1) {
+      EXPECT_EQ(told, pairs.noise(kLightDn));
+    }
+  }
+}
+
+// As denoising fills them, wherever the piece of an example lies.
+TEST(SensorPairs, DefectsOfAPieceAreFilledBeforeTheNetwork) {
+  std::vector<DefectPixel> defects;
+  Image noisy_dn(kSensorSide, kSensorSide, 300.0f);
+  const Image reference_dn(noisy_dn);
+  for (int k = 0; k < kSensorSide; k += 3) {
+    defects.push_back({k, (7 * k) % kSensorSide, "hot", 9.0});
+    noisy_dn(k, (7 * k) % kSensorSide) = 330;  // no impulse, by its value
+  }
+  SensorPairs pairs(0, defects);
+  for (const int example : {64, 32}) {
+    pairs.config.data.example = example;
+    const RawPair pair = pairs.pair_of(noisy_dn, reference_dn, 1);
+    ASSERT_EQ(pair.noisy.dn.rows(), example);
+    const torch::Tensor input = make_example(pair, pairs.config.package).input;
+    EXPECT_LT((input[0].max() - input[0].min()).item<float>(), 1e-3) << example;
+  }
+}
+
+}  // namespace
+}  // namespace malus
