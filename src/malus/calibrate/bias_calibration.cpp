@@ -85,6 +85,10 @@ void warn_of_few_frames(PhysicsCalibration& out) {
 std::vector<double> measure_drift(const GainRun& run, double kept, BiasFrames& frames,
                                   DarkPass& dark, PhysicsCalibration& out) {
   const MosaicGeometry& geometry = run.geometry();
+  if (geometry.groups() < geometry.group_phases()) {  // not every phase is seen
+    dark.doubtful_drift = true;
+    return std::vector<double>(as_index(geometry.channels()), 0.0);
+  }
   const std::vector<double> pixel = mean_over_frames(frames.pixel);
   std::vector<double> explained;
   for (int g = 0; g < geometry.group_phases(); ++g) {

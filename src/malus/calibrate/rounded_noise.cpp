@@ -277,6 +277,7 @@ double CodePairCounter::usual_code_dn(int channel) const {
 }
 
 void CodePairCounter::end_at(double floor_dn, int channel) {
+  if (!(step_dn_ > 0)) return;
   pairs_[as_index(channel)].lowest =
       std::clamp(code(static_cast<float>(floor_dn), channel), -CodePairs::kReach, 0);
 }

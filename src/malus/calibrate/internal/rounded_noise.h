@@ -23,17 +23,19 @@ struct CodePairs {
   }
 };
 
-/// Counts the pairs of a series of frames, per channel. Pixels more than kReach codes from the
-/// middle one of the first frame are not counted.
+/// Counts the pairs of a series of frames, per channel; none where there is no step (0). Pixels
+/// more than kReach codes from the middle one of the first frame are not counted.
 class CodePairCounter {
  public:
   CodePairCounter(const MosaicGeometry& geometry, double step_dn);
   void add(View<const float> dn);
   double step_dn() const { return step_dn_; }
   const std::vector<CodePairs>& pairs() const { return pairs_; }
-  /// DN of the code that a channel's pairs are counted from. Contract: frames were added.
+  /// DN of the code that a channel's pairs are counted from. Contract: there is a step, and frames
+  /// were added.
   double usual_code_dn(int channel) const;
-  /// From now on this floor stands for all below it, in this channel. Contract: frames were added.
+  /// From now on this floor stands for all below it, in this channel; nothing without a step.
+  /// Contract: frames were added.
   void end_at(double floor_dn, int channel);
 
  private:

@@ -1,0 +1,54 @@
+// Calibration at the edge of what it is given.
+#include "malus/calibrate/calibrate.h"
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dark_current_sessions.h"
+#include "problem_of.h"
+#include <gmock/gmock.h>
+
+namespace malus {
+namespace {
+
+using testing::polar_gain;
+using testing::simulated_session;
+using testing::SimulatedCamera;
+
+// Fractions have no step whose codes could be counted: looking for the one at 0 crashed.
+TEST(CalibrationEdges, AnExactZeroAmongFractionsIsNoCode) {
+  SimulatedCamera camera = testing::mono_camera(1, 0.14, 2, 0, 5);
+  camera.rounded = false;
+  camera.bias_frames = 2;
+  camera.flat_levels = 0;
+  CalibrationInput input = simulated_session(camera);
+  testing::change_frames(input, [](RawFrame& frame, int i) {
+    if (i == 1) frame.dn(5, 7) = 0;
+  });
+  const NoiseModel model = calibrate_physics(input, {}, silent_progress());
+  EXPECT_EQ(model.quantization_dn, 0);
+  EXPECT_NEAR(model.physics.at(0).temporal_sd_dark_dn.at(0), 2, 0.2);
+}
+
+// The layout and the row group repeat together after 88 rows, of which there are 32: row groups
+// were read that the frame does not have.
+TEST(CalibrationEdges, FewerRowGroupsThanTheLayoutNeedsTellNoDrift) {
+  SimulatedCamera camera;
+  camera.rows = camera.cols = 32;
+  camera.bias_frames = 6;
+  camera.flat_levels = 0;
+  camera.gains = {polar_gain(12, "mono", 11)};
+  PhysicsNoise& noise = camera.gains[0].noise;
+  noise.layout = SensorLayout::from_sites(std::vector(8, std::vector<std::string>{"mono"}));
+  noise.channels.assign(8, noise.channels.front());
+  CalibrationInput input = simulated_session(camera);
+  input.row_group = 11;
+  const PhysicsCalibration p = calibrate_physics(input, {}, silent_progress()).physics.at(0);
+  EXPECT_EQ(p.row_drift.drift.share, 0);
+  for (const double error : p.sigma_row.standard_error) EXPECT_GT(error, 0);
+}
+
+}  // namespace
+}  // namespace malus
