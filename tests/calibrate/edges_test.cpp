@@ -50,5 +50,19 @@ TEST(CalibrationEdges, FewerRowGroupsThanTheLayoutNeedsTellNoDrift) {
   for (const double error : p.sigma_row.standard_error) EXPECT_GT(error, 0);
 }
 
+TEST(CalibrationEdges, SettingsOutsideTheirRangesAreRefused) {
+  const CalibrationInput input = simulated_session(testing::small_camera());
+  const auto problem = [&](const CalibrationSettings& settings) {
+    return testing::problem_of(
+        [&] { calibrate(input, settings, {ModelKind::kNonparametric}, silent_progress()); });
+  };
+  EXPECT_THAT(problem({.saturation_limit = 7}), ::testing::HasSubstr("saturation_limit"));
+  EXPECT_THAT(problem({.shape = "likelyhood"}), ::testing::HasSubstr("shape"));
+  EXPECT_THAT(problem({.bins = 0}), ::testing::HasSubstr("bins"));
+  EXPECT_THAT(testing::problem_of(
+                  [&] { calibrate_physics(input, {.saturation_limit = -1}, silent_progress()); }),
+              ::testing::HasSubstr("saturation_limit"));
+}
+
 }  // namespace
 }  // namespace malus

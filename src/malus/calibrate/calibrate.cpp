@@ -2,6 +2,7 @@
 #include "malus/calibrate/calibrate.h"
 
 #include "malus/base/error.h"
+#include "malus/base/settings_check.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/calibrate/gaussian_calibration.h"
@@ -195,6 +196,7 @@ void warn_of_untold_gain(const CalibrationInput& input, NoiseModel& model, Progr
 
 NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& settings,
                      const std::vector<ModelKind>& kinds, Progress& progress) {
+  require_settings(settings);
   if (kinds.empty())
     throw InputError(setting_name("kinds"), "names no kind of model",
                      "choose of " + joined(model_kind_names()));

@@ -67,7 +67,7 @@ inline constexpr const char* kWithoutFlats = "no flat frames at this gain: K is 
 /// The physics model of all gains in the input, row group detected when it is not declared, joint
 /// model over gain where there are two gains or more. What the data say about themselves (drift,
 /// light leaks, saturated or missing levels) stands in the warnings of each gain. Throws InputError
-/// when there are no bias frames, or frames do not belong together.
+/// when there are no bias frames, frames do not belong together, or a setting is outside its range.
 NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
                              Progress& progress);
 

@@ -1,4 +1,5 @@
 #include "malus/base/error.h"
+#include "malus/base/settings_check.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/calibrate.h"
@@ -287,6 +288,7 @@ void warn_of_K_against_gain(std::vector<PhysicsCalibration>& rising) {
 
 NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
                              Progress& progress) {
+  require_settings(settings);
   const std::vector<GainPlan> plans = plan_gains(input);
   std::int64_t steps = 0;
   for (const GainPlan& plan : plans) steps += plan.frames();
