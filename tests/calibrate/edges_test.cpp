@@ -64,5 +64,30 @@ TEST(CalibrationEdges, SettingsOutsideTheirRangesAreRefused) {
               ::testing::HasSubstr("saturation_limit"));
 }
 
+// Dark sets are read for every level of their exposure; flats of a gain without bias frames, or
+// with one alone, are not read.
+TEST(CalibrationEdges, ProgressEndsAtItsTotal) {
+  struct Counted final : Progress {
+    void begin(std::string_view, std::int64_t steps) override { total += steps; }
+    void advance(std::int64_t steps) override { done += steps; }
+    void warn(std::string_view) override {}
+    bool stop_requested() const override { return false; }
+    std::int64_t total = 0, done = 0;
+  };
+  CalibrationInput input =
+      testing::dark_current_session(testing::dark_current_camera(0.005), testing::DarkCurrent{}, 3);
+  input.sets.resize(1 + 8 + 1);  // one dark set
+  for (FrameSet& set : input.sets)
+    if (set.kind == FrameKind::kFlat) set.exposure_s = input.sets.back().exposure_s;
+  input.sets[0].count = 6;
+  for (const int bias_frames : {6, 1}) {
+    input.sets[0].count = bias_frames;
+    if (bias_frames == 1) input.sets.back().count = 1;  // no larger set of dark frames
+    Counted progress;
+    calibrate_physics(input, {}, progress);
+    EXPECT_EQ(progress.done, progress.total) << bias_frames;
+  }
+}
+
 }  // namespace
 }  // namespace malus

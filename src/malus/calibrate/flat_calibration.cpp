@@ -196,7 +196,7 @@ void FlatSeries::take_saturated_out_of_patterns() {
     }
     if (std::find(good.begin(), good.end(), true) == good.end()) continue;
     kept.push_back(i);
-    frames += flats[i]->count;
+    frames += frames_of_level(*flats[i], run_.plan().darks);
   }
   if (!changed) return;
   patterns_ = FlatPatterns(run_.geometry());

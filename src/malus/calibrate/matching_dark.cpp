@@ -100,6 +100,11 @@ std::optional<int> own_dark(const FrameSet& flat, const std::vector<const FrameS
   return std::nullopt;
 }
 
+std::int64_t frames_of_level(const FrameSet& flat, const std::vector<const FrameSet*>& darks) {
+  const std::optional<int> own = own_dark(flat, darks);
+  return std::int64_t{flat.count} + (own ? darks[as_index(*own)]->count : 0);
+}
+
 MatchingDark matching_dark(const GainRun& run, const FrameSet& flat, const CommonDark& common) {
   const std::vector<const FrameSet*>& darks = run.plan().darks;
   MatchingDark out;

@@ -19,6 +19,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <iterator>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -48,6 +50,15 @@ std::vector<GainPlan> plan_gains(const CalibrationInput& input) {
     throw InputError(input.origin.empty() ? "session" : input.origin, "has no bias frames",
                      "add [[frames]] with kind = \"bias\": frames taken with the lens cap on");
   return plans;
+}
+
+// How many frames of a gain are read: its bias frames twice. One alone leaves the flats unread.
+std::int64_t frames_read(const GainPlan& plan) {
+  if (!plan.bias) return 0;
+  std::int64_t total = 2 * std::int64_t{plan.bias->count};
+  for (const FrameSet* flat : plan.flats)
+    if (plan.bias->count >= 2) total += frames_of_level(*flat, plan.darks);
+  return total;
 }
 
 // The row group in force: declared, or what the frames showed, or one row until they do.
@@ -291,7 +302,7 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
   require_settings(settings);
   const std::vector<GainPlan> plans = plan_gains(input);
   std::int64_t steps = 0;
-  for (const GainPlan& plan : plans) steps += plan.frames();
+  for (const GainPlan& plan : plans) steps += frames_read(plan);
   progress.begin("calibrating", steps);
   NoiseModel model;
   model.sensor = input.sensor;

@@ -7,7 +7,6 @@
 #include "malus/calibrate/geometry.h"
 #include "malus/image/view.h"
 
-#include <cstdint>
 #include <functional>
 #include <optional>
 #include <vector>
@@ -21,14 +20,6 @@ struct GainPlan {
   GainSetting gain;
   const FrameSet* bias = nullptr;
   std::vector<const FrameSet*> darks, flats;
-
-  /// How many frames are read: the bias frames twice.
-  std::int64_t frames() const {
-    std::int64_t total = bias ? 2 * std::int64_t{bias->count} : 0;
-    for (const FrameSet* set : darks) total += set->count;
-    for (const FrameSet* set : flats) total += set->count;
-    return total;
-  }
 };
 
 /// Row group in force, and whether it was declared or detected: a wrong one looks like drift.

@@ -5,6 +5,7 @@
 #include "malus/calibrate/internal/bias_calibration.h"
 #include "malus/calibrate/internal/gain_run.h"
 
+#include <cstdint>
 #include <optional>
 #include <vector>
 
@@ -44,6 +45,9 @@ struct MatchingDark {
 /// Which of the dark sets is the flat's own, if any: the first of two frames or more and an
 /// exposure within a hundredth of the flat's.
 std::optional<int> own_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks);
+
+/// How many frames are read for a level of flats: its own, and those of its own dark set.
+std::int64_t frames_of_level(const FrameSet& flat, const std::vector<const FrameSet*>& darks);
 
 /// What the bias frames tell of flats that have no dark frames of their own. All is referred to.
 struct CommonDark {
