@@ -202,7 +202,11 @@ TEST(ModelFile, RefusesContradictions) {
   EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].channels[0].pmf[0][0] = 0.9; }),
             "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].channels.pop_back(); }), "");
+  EXPECT_NE(problem_after([](NoiseModel& m) { m.nonparametric[0].sigma_row_dn[1] = -0.1; }), "");
   EXPECT_NE(problem_after([](NoiseModel& m) { m.dark_frames[0].frames_dn[0] = Image(4, 5); }), "");
+  for (const float value : {NAN, std::numeric_limits<float>::infinity()})
+    EXPECT_NE(problem_after([=](NoiseModel& m) { m.dark_frames[0].frames_dn[1](3, 5) = value; }),
+              "");
 }
 
 // What is drawn between the measured gains is as possible as what is drawn at them.

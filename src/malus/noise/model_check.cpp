@@ -257,6 +257,8 @@ void check_nonparametric(Findings& findings, const NonparametricCalibration& n,
   findings.require(n.channels.size() == channels, at + "channels", "do not fit the layout");
   for (const auto& channel : n.channels) check_channel(findings, channel, at);
   check_values(findings, n.sigma_row_dn, channels, at + "sigma_row");
+  for (const double sigma : n.sigma_row_dn)
+    findings.require(sigma >= 0, at + "sigma_row", fmt::format("is {}: a negative scale", sigma));
   check_sized(findings, n.sigma_row_stderr_dn, channels, at + "sigma_row standard error");
   check_drift(findings, n.row_drift, at);
   check_values(findings, n.K, channels, at + "K");
@@ -271,6 +273,7 @@ void check_bank(Findings& findings, const DarkFrameBank& bank, const SensorLayou
     findings.require(
         !image.empty() && image.rows() % layout.rows() == 0 && image.cols() % layout.cols() == 0,
         "dark frames", "are not made of whole cells of the layout");
+    check_map(findings, image, layout, "dark frames");
   }
 }
 
