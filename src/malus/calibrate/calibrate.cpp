@@ -10,6 +10,7 @@
 #include "malus/image/quantization.h"
 
 #include <algorithm>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -69,6 +70,24 @@ std::vector<GainSetting> required_lit_gains(const CalibrationInput& input, const
   return gains;
 }
 
+// What the physics results counted from: that of the highest gain's first bias frame, with the
+// model's white. None without physics results.
+std::optional<FrameFormat> format_of_physics(const CalibrationInput& input,
+                                             const NoiseModel& model) {
+  if (model.physics.empty()) return std::nullopt;
+  FrameFormat format = format_of(load_first(*bias_set_at(model.physics.back().gain, input)));
+  format.white_dn = model.white_dn;
+  return format;
+}
+
+// A gain's frames that tell no black level have that of the physics results, and so has whatever is
+// compared with them; frames that tell their own where those do, too, lie above it either way.
+void take_black_of_physics(const FrameFormat& of_physics, RawFrame& first) {
+  if (first.black_known && of_physics.black_known) return;
+  first.black_dn = of_physics.black_dn;
+  first.black_known = of_physics.black_known;
+}
+
 // The distributions at these gains; what the model does not know of the sensor yet is taken from
 // the first frame.
 std::vector<MeasuredLevels> measure_gains(const CalibrationInput& input,
@@ -80,11 +99,13 @@ std::vector<MeasuredLevels> measure_gains(const CalibrationInput& input,
     for (const NoiseSource& source : sources_at(gain, input))
       steps += 2 * source.frames->count + (source.reference ? source.reference->count : 0);
   progress.begin("distributions", steps);
+  const std::optional<FrameFormat> of_physics = format_of_physics(input, model);
   std::vector<MeasuredLevels> measured;
   for (const GainSetting& gain : gains) {
     std::vector<NoiseSource> sources = sources_at(gain, input);
     RawFrame first = load_first(*sources.front().frames);
     if (model.white_dn > 0) first.white_dn = model.white_dn;
+    if (of_physics) take_black_of_physics(*of_physics, first);
     if (model.black_dn.empty()) {
       model.layout = first.layout;
       model.black_dn = first.black_dn;
@@ -132,7 +153,8 @@ void add_gaussian(const CalibrationInput& input, const CalibrationSettings& sett
             });
 }
 
-// Whole bias frames for dark-frame sampling, cut to whole cells, in DN above black.
+// Whole bias frames for dark-frame sampling, cut to whole cells, in DN above black. Contract: the
+// model has its physics results.
 void add_dark_frames(const CalibrationInput& input, const CalibrationSettings& settings,
                      Progress& progress, NoiseModel& model) {
   std::vector<const FrameSet*> sets;
@@ -141,18 +163,21 @@ void add_dark_frames(const CalibrationInput& input, const CalibrationSettings& s
   std::sort(sets.begin(), sets.end(), [](const FrameSet* a, const FrameSet* b) {
     return a->gain.decibel().value_or(0.0) < b->gain.decibel().value_or(0.0);
   });
-  progress.begin("dark frames", static_cast<std::int64_t>(sets.size()) * settings.dark_frames);
+  std::int64_t steps = 0;
+  for (const FrameSet* set : sets) steps += std::min(set->count, settings.dark_frames);
+  progress.begin("dark frames", steps);
+  const FrameFormat format = *format_of_physics(input, model);
   for (const FrameSet* set : sets) {
     DarkFrameBank bank;
     bank.gain = set->gain;
     FrameSet kept = *set;
     kept.count = std::min(set->count, settings.dark_frames);
-    for_each_frame(kept, nullptr, progress, [&](const RawFrame& frame, int) {
+    for_each_frame(kept, &format, progress, [&](const RawFrame& frame, int) {
       Image dark(frame.dn.rows() / frame.layout.rows() * frame.layout.rows(),
                  frame.dn.cols() / frame.layout.cols() * frame.layout.cols());
       for (int r = 0; r < dark.rows(); ++r)
         for (int c = 0; c < dark.cols(); ++c)
-          dark(r, c) = frame.dn(r, c) - static_cast<float>(frame.black_at(r, c));
+          dark(r, c) = frame.dn(r, c) - static_cast<float>(format.black_at(r, c));
       bank.frames_dn.push_back(std::move(dark));
     });
     model.dark_frames.push_back(std::move(bank));
