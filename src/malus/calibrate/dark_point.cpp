@@ -123,15 +123,21 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
   }
 }
 
-void append_dark_point(bool hidden, const DarkPoint& dark, PhysicsCalibration& out) {
-  const std::size_t c = out.dark_point_dn2.size();
-  const double sd = out.temporal_sd_dark_dn[c];
-  out.dark_point_dn2.push_back(hidden ? dark.variance_dn2 : sd * sd);
-  out.dark_point_stderr_dn2.push_back(hidden ? dark.variance_stderr_dn2
-                                             : 2.0 * sd * out.temporal_sd_dark_stderr_dn[c]);
+void append_dark_point(const DarkPoint& dark, PhysicsCalibration& out) {
+  out.dark_point_dn2.push_back(dark.variance_dn2);
+  out.dark_point_stderr_dn2.push_back(dark.variance_stderr_dn2);
 }
 
-void take_cut_off(const CutOffNoise& cut, double zero_share, double floor_dn, DarkPoint& dark,
+void settle_dark_points(const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out) {
+  for (std::size_t c = 0; c < out.dark_point_dn2.size(); ++c) {
+    if (hidden[c].hidden) continue;
+    const double sd = out.temporal_sd_dark_dn[c];
+    out.dark_point_dn2[c] = sd * sd;
+    out.dark_point_stderr_dn2[c] = 2.0 * sd * out.temporal_sd_dark_stderr_dn[c];
+  }
+}
+
+void take_cut_off(const CutOffNoise& cut, double zero_share, double lowest_dn, DarkPoint& dark,
                   std::vector<TransferLevel>& levels) {
   if (!cut.known) return;
   if (!cut.by_law) dark.cut_off = false;  // a law errs by more than it knows
@@ -149,7 +155,7 @@ void take_cut_off(const CutOffNoise& cut, double zero_share, double floor_dn, Da
     if (enough && level.refused.empty() && is_cut_off(level))
       level.refused = {Refusal::kCutOff,
                        fmt::format("{:.2g} % of the pixels are cut off at {:g} DN, above {:g} %",
-                                   100 * level.zero_share, floor_dn, 100 * kMostSilentZeros)};
+                                   100 * level.zero_share, lowest_dn, 100 * kMostSilentZeros)};
   }
 }
 

@@ -162,7 +162,7 @@ DarkPoint FlatSeries::corrected_dark_point(int channel, PhysicsCalibration& out)
   if (!dark.cut_off.empty())
     take_cut_off(dark.cut_off[c], dark.zero_share[c], dark.floor_dn[c], point, levels);
   if (std::any_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::hidden)))
-    append_dark_point(dark.hidden[c].hidden, point, out);
+    append_dark_point(point, out);
   return point;
 }
 

@@ -6,6 +6,7 @@
 #include "malus/calibrate/internal/bias_calibration.h"
 #include "malus/calibrate/internal/coarse_steps.h"
 #include "malus/calibrate/internal/dark_corrections.h"
+#include "malus/calibrate/internal/dark_point.h"
 #include "malus/calibrate/internal/defects.h"
 #include "malus/calibrate/internal/fixed_pattern.h"
 #include "malus/calibrate/internal/flat_calibration.h"
@@ -201,6 +202,7 @@ CalibratedGain calibrate_gain(GainRun& run, double step_dn, RowGroupDecision& ro
   warn_of_many_defects(result.defects.size(), geometry, out);
   leave_defects_out(pixels, result.defects, geometry, out);
   widen_by_coarse_steps(dark.step_dn, dark.hidden, out);
+  settle_dark_points(dark.hidden, out);
   if (!run.settings().single_frame && run.settings().shape != "ppcc")
     keep_dark_variance(dark.step_dn, out);
   restore_dsnu(dark, out);

@@ -27,13 +27,16 @@ void take_hidden_noise(const HiddenNoise& hidden, DarkPoint& dark,
 
 /// The same of noise that the camera cuts off: as it was before. zero_share: of the bias
 /// frames; dark frames of a level's own lost as much less as they have fewer zeros (dark current
-/// lifts them off the floor). Levels that are cut off themselves are refused where enough others
-/// are not.
-void take_cut_off(const CutOffNoise& cut, double zero_share, double floor_dn, DarkPoint& dark,
+/// lifts them off the floor; lowest_dn: that floor, as the files have it). Levels that are cut off
+/// themselves are refused where enough others are not.
+void take_cut_off(const CutOffNoise& cut, double zero_share, double lowest_dn, DarkPoint& dark,
                   std::vector<TransferLevel>& levels);
 
-/// Into dark_point of `out`: this where the step hides the noise, else temporal_sd_dark squared.
-/// Once per channel, in their order.
-void append_dark_point(bool hidden, const DarkPoint& dark, PhysicsCalibration& out);
+/// Into dark_point of `out`, once per channel, in their order.
+void append_dark_point(const DarkPoint& dark, PhysicsCalibration& out);
+
+/// temporal_sd_dark squared into dark_point of `out`, which is filled or empty, for the channels
+/// whose noise the step does not hide. To be called when temporal_sd_dark is final.
+void settle_dark_points(const std::vector<HiddenNoise>& hidden, PhysicsCalibration& out);
 
 }  // namespace malus
