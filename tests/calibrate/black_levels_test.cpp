@@ -54,5 +54,31 @@ TEST(BlackLevels, AllKindsCountFromTheSame) {
   }
 }
 
+// Codes at 0 stayed behind when their frames were moved to a black level 56 DN higher, and the dark
+// deviation was 5.7 DN for one of 3; in the other direction nothing counted as cut off.
+TEST(BlackLevels, NoiseCutOffAtZeroIsSoAtTheBlackLevelOfAnotherGain) {
+  SimulatedCamera camera = camera_at(0, 8);
+  PhysicsChannel& channel = camera.gains[0].noise.channels[0];
+  channel.mu_dn = 0;
+  channel.sigma_tl_dn = 4.0 / std::sqrt(tukey_lambda_variance(channel.lambda));
+  CalibrationInput low = simulated_session(camera);
+  change_frames(low, [](RawFrame& frame, int) { frame.bits = 12; });
+  const PhysicsCalibration alone = calibrate_physics(low, {}, silent_progress()).physics.at(0);
+  EXPECT_NEAR(alone.temporal_sd_dark_dn.at(0), 4.0, 0.1);
+  for (const double black_dn : {64.0, 2.0}) {
+    const NoiseModel model = calibrate_physics(
+        both(low, simulated_session(camera_at(24, black_dn))), {}, silent_progress());
+    ASSERT_EQ(model.black_dn.at(0), black_dn);
+    const PhysicsCalibration& p = model.physics.at(0);
+    EXPECT_NEAR(p.temporal_sd_dark_dn.at(0), alone.temporal_sd_dark_dn[0], 1e-3) << black_dn;
+    EXPECT_NEAR(p.mu.mean.at(0), alone.mu.mean.at(0), 1e-3) << black_dn;
+    EXPECT_NEAR(p.K.mean.at(0), alone.K.mean.at(0), 1e-4) << black_dn;
+    EXPECT_EQ(p.dark_zero_share, alone.dark_zero_share) << black_dn;
+    EXPECT_TRUE(p.cut_off_undone) << black_dn;
+    EXPECT_THAT(p.warnings, ::testing::Contains(::testing::HasSubstr("dark pixels are 0,")))
+        << black_dn;
+  }
+}
+
 }  // namespace
 }  // namespace malus

@@ -190,14 +190,17 @@ void add_black(const FrameFormat& format, Image& dn) {
     for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(format.black_at(r, c));
 }
 
-void warn_of_dark_frames(const BiasFrames& frames, const DarkPass& dark, const FrameFormat& format,
-                         int columns, PhysicsCalibration& out) {
+void warn_of_dark_frames(const GainRun& run, const BiasFrames& frames, const DarkPass& dark,
+                         PhysicsCalibration& out) {
+  const FrameFormat& format = run.format();
   const double temporal_sd = mean_of(out.temporal_sd_dark_dn);
   warn_of_drift(frames.mean, temporal_sd, out);
   warn_of_outlying_frames(frames.mean, temporal_sd, out);
-  warn_of_outlying_noise(frames.residuals, dark.hidden, columns, out);
+  warn_of_outlying_noise(frames.residuals, dark.hidden, run.geometry().cols(), out);
   warn_of_high_level(format, out);
-  warn_of_clipping(dark.zero_share, dark.floor_dn, format.layout, out);
+  std::vector<double> lowest_code = dark.floor_dn;
+  for (std::size_t c = 0; c < lowest_code.size(); ++c) lowest_code[c] -= run.zero_dn()[c];
+  warn_of_clipping(dark.zero_share, lowest_code, format.layout, out);
   if (dark.hidden.empty() ||
       !std::all_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::known)))
     warn_of_coarse_steps(dark.step_dn, out);
@@ -228,7 +231,7 @@ DarkPass measure_dark(const GainRun& run, double step_dn) {
   pass.step_dn = step_dn;
   EqualValues equal(geometry);
   FramePairs pairs(pass.neighbours, {}, kDarkPairs);
-  ZeroShare zeros(geometry, step_dn);
+  ZeroShare zeros(geometry, run.zero_dn(), step_dn);
   run.each_frame(run.bias(), [&](const RawFrame& frame, int i) {
     for (int c = 0; i == 0 && c < geometry.channels(); ++c) {
       std::vector<float> pixels = some_pixels(frame.dn, geometry, c);
@@ -293,7 +296,7 @@ void measure_bias(const GainRun& run, DarkPass& dark, PhysicsCalibration& out) {
                   dark.cut_off, quantization_dn, kept, run.settings().shape == "ppcc"},
                  format.layout, out);
   if (remove_pattern) warn_of_few_frames(out);
-  warn_of_dark_frames(frames, dark, format, geometry.cols(), out);
+  warn_of_dark_frames(run, frames, dark, out);
   if (!several) return;
   measure_dsnu(ordinary, temporal_of(ordinary, count), geometry, out);
   subtract_levels(pattern, ordinary.mean_dn, geometry);

@@ -211,14 +211,14 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
                   high - low, of_noise));
 }
 
-void warn_of_clipping(const std::vector<double>& zero_share, const std::vector<double>& floor_dn,
+void warn_of_clipping(const std::vector<double>& zero_share, const std::vector<double>& lowest_dn,
                       const SensorLayout& layout, PhysicsCalibration& out) {
   std::vector<std::string> cut;
   double most = 0.0, floor = 0.0;
   for (int c = 0; c < layout.channels(); ++c) {
     const double share = zero_share[static_cast<std::size_t>(c)];
     if (share > kMostSilentZeros) cut.push_back(layout.channel_name(c));
-    if (share > most) floor = floor_dn[static_cast<std::size_t>(c)];
+    if (share > most) floor = lowest_dn[static_cast<std::size_t>(c)];
     most = std::max(most, share);
   }
   if (cut.empty()) return;

@@ -41,15 +41,22 @@ void check_frame(const RawFrame& frame, const FrameFormat* like) {
   }
 }
 
+bool has_other_black(const FrameFormat& like, const RawFrame& frame) {
+  return frame.black_known && like.black_known && frame.layout == like.layout &&
+         frame.black_dn != like.black_dn;
+}
+
 // The pixels as a camera with the black level of `like` would have written them: DN above black are
-// the file's own. Codes at either end of the range stay, for they were cut off there.
+// the file's own. Saturated ones stay. Code 0 moves along: noise that is cut off there ends as far
+// below black as in the file.
 void take_black_of(const FrameFormat& like, RawFrame& frame) {
-  if (!frame.black_known || !like.black_known || frame.black_dn == like.black_dn) return;
+  if (!has_other_black(like, frame)) return;
+  const std::vector<double> zero_dn = moved_zero_dn(like, frame);
   for (int r = 0; r < frame.dn.rows(); ++r)
     for (int c = 0; c < frame.dn.cols(); ++c) {
       float& pixel = frame.dn(r, c);
-      if (pixel >= like.white_dn || (pixel <= 0.0F && frame.bits > 0)) continue;
-      pixel += static_cast<float>(like.black_at(r, c) - frame.black_at(r, c));
+      if (pixel >= like.white_dn) continue;
+      pixel += static_cast<float>(zero_dn[static_cast<std::size_t>(frame.layout.channel_at(r, c))]);
     }
   frame.black_dn = like.black_dn;
 }
@@ -111,6 +118,14 @@ FrameFormat format_of(const RawFrame& frame) {
           .white_dn = frame.white_dn,
           .black_known = frame.black_known,
           .source = frame.source};
+}
+
+std::vector<double> moved_zero_dn(const FrameFormat& like, const RawFrame& frame) {
+  std::vector<double> zero_dn(frame.black_dn.size(), 0.0);
+  if (!has_other_black(like, frame)) return zero_dn;
+  for (std::size_t c = 0; c < zero_dn.size(); ++c)  // as pixels hold it
+    zero_dn[c] = double{static_cast<float>(like.black_dn[c] - frame.black_dn[c])};
+  return zero_dn;
 }
 
 std::string frame_set_name(const FrameSet& set) {

@@ -72,6 +72,10 @@ void require_one_gain_unit(const CalibrationInput& input);
 /// smaller than four cells of its layout in either direction: there is nothing to average.
 RawFrame load_first(const FrameSet& set);
 
+/// Per channel, what for_each_frame makes of DN 0 in a frame like this one: 0 where it moves
+/// nothing.
+std::vector<double> moved_zero_dn(const FrameFormat& like, const RawFrame& frame);
+
 /// Calls use(frame, i) for every frame of the set in order, decoding the next ones in other threads
 /// meanwhile: memory holds a few frames, however many there are. Every frame must have the size and
 /// layout of `like` (when it is given), only finite pixels, and not the pixels of an earlier one

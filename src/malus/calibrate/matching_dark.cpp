@@ -64,7 +64,7 @@ bool rounds_as_common(const MatchingDark& own, const DarkPass& common) {
 void take_own_dark(const GainRun& run, const FrameSet& set, const CommonDark& common,
                    MatchingDark& out) {
   TemporalAccumulator own(run.geometry(), run.format().black_dn, FrameAlignment::kAdditive);
-  ZeroShare zeros(run.geometry(), common.pass.floor_dn);
+  ZeroShare zeros(run.geometry(), run.zero_dn(), common.pass.floor_dn);
   run.each_frame(set, [&](const RawFrame& frame, int) {
     own.add(frame.dn);
     zeros.add(frame.dn);

@@ -332,7 +332,7 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
       model.black_dn = first.black_dn;
       model.white_dn = first.white_dn;
     }
-    GainRun run(plan, format, own_first.dn, settings, progress);
+    GainRun run(plan, format, own_first, settings, progress);
     CalibratedGain gain = calibrate_gain(run, steps_dn.back(), row_group);
     model.physics.push_back(std::move(gain.physics));
     warn_of_own_black(own_first, first, model.physics.back());

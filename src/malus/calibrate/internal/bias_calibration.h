@@ -19,7 +19,7 @@ namespace malus {
 struct DarkPass {
   TemporalAccumulator temporal;
   RowLagAccumulator rows;
-  std::vector<double> floor_dn;    ///< per channel: where noise is cut off, 0 or the lowest code
+  std::vector<double> floor_dn;  ///< per channel: where noise is cut off, code 0 or the lowest one
   std::vector<double> zero_share;  ///< per channel: share of pixels there
   std::vector<double> constancy;   ///< per channel: EqualValues::chance_of_constancy
   NeighbourCorrelation neighbours;

@@ -49,8 +49,8 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
 void warn_of_lit_darkness(const FrameFormat& format, PhysicsCalibration& out);
 
 /// Channels with more than a thousandth of the dark pixels at the floor, where the camera
-/// cuts the noise off. Fills dark_zero_share then.
-void warn_of_clipping(const std::vector<double>& zero_share, const std::vector<double>& floor_dn,
+/// cuts the noise off: lowest_dn, as the files have it. Fills dark_zero_share then.
+void warn_of_clipping(const std::vector<double>& zero_share, const std::vector<double>& lowest_dn,
                       const SensorLayout& layout, PhysicsCalibration& out);
 
 /// Columns whose offsets change from frame to frame by more than a tenth of the temporal noise and

@@ -32,13 +32,14 @@ struct RowGroup {
 /// over the bias frames tells the row group; all later steps take the geometry from here.
 class GainRun {
  public:
-  /// Format and settings are the whole sensor's; all is referred to. first_dn: pixels of the first
-  /// of the plan's bias frames. Contract: the plan has bias frames.
-  GainRun(const GainPlan& plan, const FrameFormat& format, View<const float> first_dn,
+  /// Format and settings are the whole sensor's; all is referred to. first: of the plan's bias
+  /// frames, as it was loaded. Contract: the plan has bias frames.
+  GainRun(const GainPlan& plan, const FrameFormat& format, const RawFrame& first,
           const CalibrationSettings& settings, Progress& progress)
       : plan_(plan),
         format_(format),
-        first_dn_(first_dn),
+        first_dn_(first.dn),
+        zero_dn_(moved_zero_dn(format, first)),
         settings_(settings),
         progress_(progress) {
     MALUS_REQUIRE(plan.bias);
@@ -47,6 +48,9 @@ class GainRun {
   const FrameSet& bias() const { return *plan_.bias; }
   const FrameFormat& format() const { return format_; }
   View<const float> first_dn() const { return first_dn_; }
+  /// Per channel, where frames that end at DN 0 end once they are moved to the format's black
+  /// level.
+  const std::vector<double>& zero_dn() const { return zero_dn_; }
   const CalibrationSettings& settings() const { return settings_; }
   Progress& progress() const { return progress_; }
   /// for_each_frame of one of the plan's sets.
@@ -74,6 +78,7 @@ class GainRun {
   const GainPlan& plan_;
   const FrameFormat& format_;
   View<const float> first_dn_;
+  std::vector<double> zero_dn_;
   const CalibrationSettings& settings_;
   Progress& progress_;
   RowGroup row_group_;
