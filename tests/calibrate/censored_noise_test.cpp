@@ -2,6 +2,7 @@
 // every code is known.
 #include "malus/calibrate/internal/censored_noise.h"
 
+#include "malus/noise/data_sheet.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <cmath>
@@ -101,6 +102,22 @@ TEST(CensoredNoise, OfACameraWithoutABlackLevelIsKnown) {
     EXPECT_NEAR(p.sigma_tl.mean.at(0) * std::sqrt(tukey_lambda_variance(p.lambda.mean[0])), 8, 0.1);
     EXPECT_NEAR(p.sigma_row.mean.at(0), 0.8, 4 * p.sigma_row.standard_error.at(0)) << lambda;
     EXPECT_NEAR(p.dsnu_dn.at(0), 1, 4 * p.dsnu_stderr_dn.at(0)) << lambda;
+  }
+}
+
+// K's line is fitted without the dark point that the law gives, and has an intercept; the report
+// drew it through 0.
+TEST(CensoredNoise, TheLineOfKIsNotThroughItsDarkPoint) {
+  for (const double black_dn : {0.0, 13.0}) {
+    testing::SimulatedCamera camera = testing::mono_camera(1.0, kNormalLambda, 8.0, 0.8, 3);
+    camera.black_dn = black_dn;
+    camera.flat_levels = 8;
+    camera.flat_frames = 4;
+    const PhysicsCalibration p = testing::calibrated(camera).physics.at(0);
+    ASSERT_TRUE(p.cut_off_undone);
+    ASSERT_EQ(p.K_intercept_dn2.size(), 1u);
+    EXPECT_NE(p.K_intercept_dn2[0], 0);
+    EXPECT_EQ(transfer_intercept_dn2(p, 0), black_dn == 0 ? p.K_intercept_dn2[0] : 0) << black_dn;
   }
 }
 

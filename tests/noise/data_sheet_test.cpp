@@ -234,6 +234,10 @@ TEST(TransferMisfit, CountsThePointsThatTheFitUsed) {
   for (PhotonTransferPoint& point : p.transfer) point.variance_dn2 += 7;
   EXPECT_NEAR(transfer_misfit(p, 0).chi_square, 3, 1e-9);
   EXPECT_EQ(transfer_misfit(p, 0).degrees_of_freedom, 1);
+  p.cut_off_undone = true;
+  EXPECT_EQ(transfer_intercept_dn2(p, 0), 0);
+  p.line_intercept_dn2 = {7.0};
+  EXPECT_EQ(transfer_intercept_dn2(p, 0), 7);
 }
 
 TEST(LinearityError, NeedsThreeExposuresInsideTheRange) {

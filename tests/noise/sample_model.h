@@ -34,6 +34,7 @@ inline PhysicsCalibration physics2(double gain_db) {
   p.K = statistics2(K * 0.98, K * 1.02);
   p.K_intercept_dn2 = {0.1, 0.2};
   p.K_intercept_stderr_dn2 = {0.01, 0.02};
+  p.line_intercept_dn2 = {0.1, 0.0};
   p.mu = statistics2(-0.5 * K, -0.6 * K);
   p.sigma_row = statistics2(0.2 * K, 0.25 * K);
   p.row_drift = {{0.2 + 0.01 * gain_db, 3.0}, 0.02, 0.4};

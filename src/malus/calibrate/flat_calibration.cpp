@@ -107,7 +107,7 @@ class FlatSeries {
   std::vector<GainBlocks> gains_;              ///< per level
   std::vector<std::vector<double>> light_dn_;  ///< of the levels that count, per channel
   std::vector<Estimate<TransferFit>> fits_;    ///< per channel
-  bool cut_off_ = false;                       ///< any channel's dark point
+  std::vector<bool> cut_off_;                  ///< per channel, its dark point
 };
 
 // Reads the flats, and their own dark frames where they have them.
@@ -173,12 +173,15 @@ void FlatSeries::fit(PhysicsCalibration& out) {
   for (int c = 0; c < run_.geometry().channels(); ++c) {
     std::vector<TransferLevel>& levels = levels_[as_index(c)];
     const DarkPoint point = corrected_dark_point(c, out);
-    cut_off_ |= point.cut_off;
+    cut_off_.push_back(point.cut_off);
     leave_out_saturated(point, levels);
     fits_.push_back(fit_photon_transfer(levels, point));
     append_transfer(c, fits_.back(), levels, out);
   }
   append_fits(fits_, levels_, run_.format().layout, out);
+  if (out.dark_zero_share.empty()) return;
+  for (std::size_t c = 0; c < out.K_intercept_dn2.size(); ++c)
+    out.line_intercept_dn2.push_back(cut_off_[c] ? out.K_intercept_dn2[c] : 0.0);
 }
 
 // Keeping each level's mean frame until the saturated ones are known would take memory without
@@ -259,7 +262,7 @@ void FlatSeries::judge(PhysicsCalibration& out) {
       seen_[i].successive = {};
     }
   const bool other_light = warn_of_flats(seen_, reference(out), out);
-  if (cut_off_ && !out.K.mean.empty())
+  if (std::find(cut_off_.begin(), cut_off_.end(), true) != cut_off_.end() && !out.K.mean.empty())
     out.warnings.push_back(
         "K rests on the flat frames alone: dark noise that is cut off makes no dark point");
   if (!other_light)  // which explains another variance

@@ -52,11 +52,15 @@ struct PhysicsCalibration {
   int flat_levels = 0;
   ChannelStatistics K;  ///< DN/e-; standard_error from the photon-transfer fit
   std::vector<double> K_intercept_dn2, K_intercept_stderr_dn2;  ///< of the photon-transfer line
-  ChannelStatistics mu;                                         ///< DN above black
-  ChannelStatistics sigma_row;                                  ///< DN
-  MeasuredRowDrift row_drift;                                   ///< of the row groups' offsets
-  ChannelStatistics sigma_tl;                                   ///< DN
-  ChannelStatistics lambda;                                     ///< 1
+  /// Where any channel's dark noise is cut off, intercept of the line whose slope is K, above the
+  /// dark variance: K_intercept_dn2 of channels whose line was fitted without the dark point, else
+  /// 0. Empty where nothing is cut off, and of older files (transfer_intercept_dn2).
+  std::vector<double> line_intercept_dn2;
+  ChannelStatistics mu;                     ///< DN above black
+  ChannelStatistics sigma_row;              ///< DN
+  MeasuredRowDrift row_drift;               ///< of the row groups' offsets
+  ChannelStatistics sigma_tl;               ///< DN
+  ChannelStatistics lambda;                 ///< 1
   ChannelStatistics sigma_column;           ///< DN; part of sigma_tl (column_noise.h)
   std::vector<double> temporal_sd_dark_dn;  ///< rows, quantisation and all
   std::vector<double> temporal_sd_dark_stderr_dn;

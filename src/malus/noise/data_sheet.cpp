@@ -166,6 +166,7 @@ double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer,
 
 double transfer_intercept_dn2(const PhysicsCalibration& p, int channel) {
   const auto c = static_cast<std::size_t>(channel);
+  if (c < p.line_intercept_dn2.size()) return p.line_intercept_dn2[c];
   const bool cut_off =
       !p.cut_off_undone && c < p.dark_zero_share.size() && p.dark_zero_share[c] > kMostDarkZeros;
   return cut_off ? at(p.K_intercept_dn2, c) : 0;

@@ -65,12 +65,13 @@ double linearity_error_percent(const std::vector<PhotonTransferPoint>& transfer,
                                double saturation_dn);
 
 /// Intercept [DN^2] above the dark variance of the line whose slope is K: 0, as the dark point
-/// holds it, and K_intercept_dn2 where the dark noise is cut off (kMostDarkZeros).
+/// holds it, but K_intercept_dn2 where the dark noise is cut off and the line was fitted without a
+/// dark point: line_intercept_dn2, of older files by kMostDarkZeros.
 double transfer_intercept_dn2(const PhysicsCalibration& at_gain, int channel);
 
 /// How far the used points of the photon-transfer curve lie from that line: the sum of their
 /// squared distances over their own variances, and the degrees of freedom, per channel one less
-/// than points (two where the dark noise is cut off). Points without a standard error are left out.
+/// than points (two where the line has an intercept). Points without a standard error are left out.
 struct TransferMisfit {
   double chi_square = 0;
   int degrees_of_freedom = 0;

@@ -121,6 +121,7 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
     findings.require(sigma >= 0, at + "sigma_row", fmt::format("is {}: a negative scale", sigma));
   check_sized(findings, p.K_intercept_dn2, n, at + "K_intercept");
   check_sized(findings, p.K_intercept_stderr_dn2, n, at + "K_intercept standard error");
+  check_sized(findings, p.line_intercept_dn2, n, at + "line_intercept");
   check_sized(findings, p.temporal_sd_dark_dn, n, at + "temporal_sd_dark");
   check_sized(findings, p.temporal_sd_dark_stderr_dn, n, at + "temporal_sd_dark standard error");
   check_sized(findings, p.dark_point_dn2, n, at + "dark_point_dn2");

@@ -147,6 +147,9 @@ void transfer_physics(Archive& archive, Calibration& p) {
   archive.numbers({"K_intercept_dn2", "DN^2", "of the photon-transfer line"}, p.K_intercept_dn2);
   archive.numbers({"K_intercept_stderr_dn2", "DN^2", "standard error of that intercept"},
                   p.K_intercept_stderr_dn2);
+  archive.numbers(
+      {"line_intercept_dn2", "DN^2", "of the line with slope K, above the dark variance"},
+      p.line_intercept_dn2);
   transfer_statistics(archive, "mu", "DN", "mean of dark pixels above the black level", p.mu);
   transfer_statistics(archive, "sigma_row", "DN", "sd of the row groups' offsets", p.sigma_row);
   transfer_drift(archive, p.row_drift);
