@@ -159,11 +159,11 @@ TEST(Defects, APixelMustStandOutWithoutItsFarthestValue) {
   const MosaicGeometry geometry(SensorLayout::named("mono"), 16, 16, 1);
   DarkPixels dark{
       .shading_dn = mean, .sum_of_squares = squares, .frames = kFrames, .constancy = {0.0}};
-  ASSERT_EQ(find_defects(dark, {}, geometry).size(), 3u);
+  ASSERT_EQ(find_defects(dark, {}, geometry).found, 3);
   FarthestValues farthest(dark, geometry);
   for (const Image& frame : frames) farthest.add(frame, {0.0});
   dark.farthest = farthest.release();
-  const std::vector<DefectPixel> defects = find_defects(dark, {}, geometry);
+  const std::vector<DefectPixel> defects = find_defects(dark, {}, geometry).listed;
   ASSERT_EQ(defects.size(), 2u);  // not the one of a single value
   EXPECT_EQ(defects[0].col, 1);
   EXPECT_EQ(defects[0].kind, "noisy");
@@ -199,7 +199,44 @@ TEST(Defects, OfFewFramesTheFarthestValueCounts) {
   const DarkPixels dark{
       .shading_dn = mean, .sum_of_squares = squares, .frames = 2, .constancy = {0.0}};
   EXPECT_TRUE(FarthestValues(dark, geometry).release().empty());
-  EXPECT_EQ(find_defects(dark, {}, geometry).size(), 1u);
+  EXPECT_EQ(find_defects(dark, {}, geometry).found, 1);
+}
+
+// The list of a large sensor ended with the first channels, and none was long enough to be doubted.
+TEST(Defects, ALongListHoldsTheWorstOfAllChannels) {
+  constexpr int kSide = 640;
+  Image mean(kSide, kSide), squares(kSide, kSide, 9.0F);
+  const MosaicGeometry geometry(SensorLayout::named("polar-mono"), kSide, kSide, 1);
+  std::int64_t hot = 0;
+  for (int r = 0; r < kSide; ++r)
+    for (int c = 0; c < kSide; ++c) {
+      mean(r, c) = static_cast<float>((r * 7 + c * 3) % 5 - 2);
+      if ((r / 2 + 3 * (c / 2)) % 10 < 3) mean(r, c) += 200.0F + static_cast<float>(hot++ % 1000);
+    }
+  const DarkPixels dark{.shading_dn = mean,
+                        .sum_of_squares = squares,
+                        .frames = 2,
+                        .constancy = std::vector<double>(4, 0.0)};
+  const FoundDefects defects = find_defects(dark, {}, geometry);
+  EXPECT_EQ(defects.found, hot);
+  ASSERT_GT(hot, 100000);
+  ASSERT_EQ(defects.listed.size(), most_defects(geometry));
+  ASSERT_EQ(defects.listed.size(), 100000u);
+  std::array<int, 4> of_channel{};
+  int before = 0;
+  float lowest = 1e9F;
+  for (const DefectPixel& defect : defects.listed) {
+    const int channel = geometry.channel(defect.row, defect.col);
+    EXPECT_GE(channel, before);
+    before = channel;
+    ++of_channel[static_cast<std::size_t>(channel)];
+    lowest = std::min(lowest, mean(defect.row, defect.col));
+  }
+  for (const int count : of_channel) EXPECT_NEAR(count, 25000, 500);
+  EXPECT_NEAR(lowest, 200 + 1000.0 * static_cast<double>(hot - 100000) / static_cast<double>(hot),
+              10);
+  EXPECT_EQ(most_defects(MosaicGeometry(SensorLayout(), 8000, 6000, 1)), 960000u);
+  EXPECT_EQ(most_defects(MosaicGeometry(SensorLayout(), 10000, 15000, 1)), 1000000u);
 }
 
 }  // namespace

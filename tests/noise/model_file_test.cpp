@@ -63,7 +63,7 @@ TEST(ModelFile, KeepsAModelWithNothingOptional) {
   EXPECT_EQ(load_model(folder / "m.h5"), model);
 }
 
-// As many as calibration lists at most (kMostDefects in calibrate/internal/defects.h).
+// As many as calibration lists of small frames (most_defects in calibrate/internal/defects.h).
 TEST(ModelFile, KeepsALongListOfDefects) {
   const TemporaryFolder folder;
   NoiseModel model = load_model("imx250myr-simulated");

@@ -7,6 +7,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
+#include <functional>
+#include <limits>
+#include <utility>
 
 namespace malus {
 namespace {
@@ -145,40 +149,85 @@ class FarthestLookup {
   std::size_t next_ = 0;
 };
 
+// Larger for worse ones.
+double badness(const DefectPixel& defect) {
+  return defect.kind == "hot" || defect.kind == "noisy" ? defect.value
+                                                        : std::numeric_limits<double>::infinity();
+}
+
+// Keeps the worst, in their order.
+void keep_worst(std::size_t most, std::vector<DefectPixel>& defects) {
+  if (defects.size() <= most) return;
+  std::vector<double> all;
+  for (const DefectPixel& defect : defects) all.push_back(badness(defect));
+  const auto last = all.begin() + static_cast<std::ptrdiff_t>(most - 1);
+  std::nth_element(all.begin(), last, all.end(), std::greater<>());
+  const double least = *last;
+  auto as_bad = std::count(all.begin(), last + 1, least);  // of those, how many have room
+  std::erase_if(defects, [&](const DefectPixel& defect) {
+    const double own = badness(defect);
+    return own < least || (own == least && as_bad-- <= 0);
+  });
+}
+
+// A list that does not grow without bound while they are found.
+class DefectCollector {
+ public:
+  explicit DefectCollector(std::size_t most) : most_(most) {}
+  void add(DefectPixel defect) {
+    ++found_.found;
+    found_.listed.push_back(std::move(defect));
+    if (found_.listed.size() >= 2 * most_) keep_worst(most_, found_.listed);
+  }
+  FoundDefects release() {
+    keep_worst(most_, found_.listed);
+    return std::move(found_);
+  }
+
+ private:
+  std::size_t most_;
+  FoundDefects found_;
+};
+
 }  // namespace
 
-std::vector<DefectPixel> find_defects(const DarkPixels& dark, View<const float> response,
-                                      const MosaicGeometry& geometry) {
+std::size_t most_defects(const MosaicGeometry& geometry) {
+  constexpr double kShare = 2 * kManyDefects, kOfSmallFrames = 1e5, kOfAll = 1e6;
+  return static_cast<std::size_t>(
+      std::clamp(kShare * geometry.rows() * geometry.cols(), kOfSmallFrames, kOfAll));
+}
+
+FoundDefects find_defects(const DarkPixels& dark, View<const float> response,
+                          const MosaicGeometry& geometry) {
   MALUS_REQUIRE(dark.frames >= 2);
   constexpr double kDeadBelow = 0.5;
-  std::vector<DefectPixel> defects;
+  DefectCollector defects(most_defects(geometry));
   FarthestLookup farthest(dark.farthest);
   for (int channel = 0; channel < geometry.channels(); ++channel) {
     const DefectTest test(dark, geometry, channel);
     for_channel(geometry, channel, [&](int, int, int r, int c) {
-      if (defects.size() >= kMostDefects) return;
       const PixelOfFrames pixel = test.pixel(r, c);
       const FarthestValue* far = farthest.find(r, c);
       const PixelOfFrames rest = far ? pixel.without(far->above_mean_dn) : pixel;
       const bool dead = !response.empty() && response(r, c) < kDeadBelow;
       if (test.constant(pixel) && (dead || response.empty()))
-        defects.push_back({r, c, "stuck", test.usual().deviations_noisy(pixel)});
+        defects.add({r, c, "stuck", test.usual().deviations_noisy(pixel)});
       else if (dead)
-        defects.push_back({r, c, "dead", response(r, c)});
+        defects.add({r, c, "dead", response(r, c)});
       else if (test.hot(pixel, rest))
-        defects.push_back({r, c, "hot", test.usual().deviations_hot(pixel)});
+        defects.add({r, c, "hot", test.usual().deviations_hot(pixel)});
       else if (test.noisy(pixel, rest))
-        defects.push_back({r, c, "noisy", test.usual().deviations_noisy(pixel)});
+        defects.add({r, c, "noisy", test.usual().deviations_noisy(pixel)});
     });
   }
-  return defects;
+  return defects.release();
 }
 
 FarthestValues::FarthestValues(const DarkPixels& dark, const MosaicGeometry& geometry)
     : geometry_(geometry), mean_dn_(dark.shading_dn) {
   constexpr int kNeedsFrames = 6;
   if (dark.frames < kNeedsFrames) return;
-  for (const DefectPixel& pixel : find_defects(dark, {}, geometry))
+  for (const DefectPixel& pixel : find_defects(dark, {}, geometry).listed)
     values_.push_back({pixel.row, pixel.col, 0.0});
 }
 

@@ -23,6 +23,7 @@
 #include <cstdint>
 #include <iterator>
 #include <numeric>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -123,15 +124,19 @@ void require_row_groups(const GainRun& run) {
                        "correct row_group, or leave it out");
 }
 
-void warn_of_many_defects(std::size_t defects, const MosaicGeometry& geometry,
+void warn_of_many_defects(const FoundDefects& defects, const MosaicGeometry& geometry,
                           PhysicsCalibration& out) {
   const double pixels = static_cast<double>(geometry.rows()) * geometry.cols();
-  const double share = static_cast<double>(defects) / pixels;
-  if (share > kManyDefects)
-    out.warnings.push_back(fmt::format(
-        "{} pixels, {} % of the sensor, are listed as defects, and denoise fills them all: are "
-        "the frames all of this camera and of one setting?",
-        defects, percent_text(share)));
+  const double share = static_cast<double>(defects.found) / pixels;
+  const bool all = defects.found == std::ssize(defects.listed);
+  if (all && !(share > kManyDefects)) return;
+  out.warnings.push_back(fmt::format(
+      "{} pixels, {} % of the sensor, are {}: are the frames all of this camera and of one "
+      "setting?",
+      defects.found, percent_text(share),
+      all ? "listed as defects, and denoise fills them all"
+          : fmt::format("defects; the worst {} of them are listed, and denoise fills those",
+                        defects.listed.size())));
 }
 
 // A few pixels with a hundred times the noise would be most of a variance that the list of defects
@@ -198,8 +203,9 @@ CalibratedGain calibrate_gain(GainRun& run, double step_dn, RowGroupDecision& ro
   DarkPixels pixels = dark_pixels(dark, out.dark_shading_dn);
   for (std::size_t c = 0; c < out.lambda.mean.size(); ++c)
     pixels.tails.push_back({out.lambda.mean[c], out.sigma_tl.mean[c]});
-  result.defects = find_defects(pixels, out.prnu_map, geometry);
-  warn_of_many_defects(result.defects.size(), geometry, out);
+  FoundDefects defects = find_defects(pixels, out.prnu_map, geometry);
+  warn_of_many_defects(defects, geometry, out);
+  result.defects = std::move(defects.listed);
   leave_defects_out(pixels, result.defects, geometry, out);
   widen_by_coarse_steps(dark.step_dn, dark.hidden, out);
   settle_dark_points(dark.hidden, out);

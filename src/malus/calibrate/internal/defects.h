@@ -6,6 +6,8 @@
 #include "malus/noise/calibration.h"
 #include "malus/noise/tukey_lambda.h"
 
+#include <cstddef>
+#include <cstdint>
 #include <vector>
 
 namespace malus {
@@ -41,11 +43,19 @@ struct DarkPixels {
 /// Of noise narrower than a code pixels are constant by chance, others jump by a code, and most
 /// show no deviation: where constancy is likely, none is stuck, and what rounding alone can do
 /// makes none hot or noisy. A pixel that follows the light is not stuck.
-/// response may be empty. The list is in the order of the channels, rows and columns of each, and
-/// ends at kMostDefects.
-inline constexpr std::size_t kMostDefects = 100000;
-std::vector<DefectPixel> find_defects(const DarkPixels& dark, View<const float> response,
-                                      const MosaicGeometry& geometry);
+/// response may be empty.
+struct FoundDefects {
+  /// In the order of the channels, rows and columns of each; where more than most_defects are
+  /// found the worst: stuck and dead ones, then those that stand out farthest.
+  std::vector<DefectPixel> listed;
+  std::int64_t found = 0;  ///< listed or not
+};
+FoundDefects find_defects(const DarkPixels& dark, View<const float> response,
+                          const MosaicGeometry& geometry);
+
+/// Twice the share that is warned of, but 100000 in small frames, and no more than a million, which
+/// is what a model file holds.
+std::size_t most_defects(const MosaicGeometry& geometry);
 
 /// Finds the farthest value of each pixel that stands out, in a pass over the same frames. Of fewer
 /// than six frames the others are too few to tell anything, and it finds none.
