@@ -40,12 +40,12 @@ Spread fitted_spread(const std::vector<ResponseLevel>& levels) {
 }
 
 // Whether it may well be: no more than a warm sensor has, of a PRNU that is one.
-bool may_be_dark_current(double longest_s, double s_per_dn, const Response& response,
+bool may_be_dark_current(double darkless_s, double s_per_dn, const Response& response,
                          const PhysicsCalibration& out) {
   constexpr double kLong_s = 1.0, kBrief_s = 0.3, kWarm_e_per_s = 50, kLeastPrnu = 0.003,
                    kMostPrnu = 0.01;  // more may be dark current itself
-  if (longest_s >= kLong_s) return true;
-  if (longest_s < kBrief_s || out.K.mean.empty()) return false;
+  if (darkless_s >= kLong_s) return true;
+  if (darkless_s < kBrief_s || out.K.mean.empty()) return false;
   const double warm = kWarm_e_per_s * mean_of(out.K.mean) * s_per_dn;
   const double prnu = std::clamp(mean_of(response.prnu), kLeastPrnu, kMostPrnu);
   return warm * warm > kOfSquare * prnu * prnu;
@@ -53,15 +53,20 @@ bool may_be_dark_current(double longest_s, double s_per_dn, const Response& resp
 
 }  // namespace
 
-void take_dark_current(const std::vector<ResponseLevel>& levels, double bias_exposure_s,
-                       Response& response, PhysicsCalibration& out) {
-  constexpr double kErrors = 5.0, kSure = 2.0, kOfBias = 10.0;
+void take_dark_current(const std::vector<ResponseLevel>& levels, Response& response,
+                       PhysicsCalibration& out) {
+  constexpr double kErrors = 5.0, kSure = 2.0;
   constexpr const char* kRemedy =
       "add [[frames]] with kind = \"bias\" and each of the flats' exposures";
-  double longest_s = 0;
-  for (const ResponseLevel& level : levels) longest_s = std::max(longest_s, level.darkless_s);
-  if (!(longest_s > 0)) return;
-  const double s_per_dn = mean_of(response.darkless_s_per_dn), prnu = mean_of(response.prnu);
+  double longest_s = 0, darkless_s = 0;
+  for (const ResponseLevel& level : levels) {
+    if (level.darkless_s == 0) continue;
+    longest_s = std::max(longest_s, level.exposure_s);
+    darkless_s = std::max(darkless_s, std::abs(level.darkless_s));
+  }
+  const double s_per_dn = std::abs(mean_of(response.darkless_s_per_dn)),
+               prnu = mean_of(response.prnu);
+  if (!(s_per_dn > 0)) return;
   const Spread spread = fitted_spread(levels);
   const double shown = s_per_dn * s_per_dn / (prnu * prnu),  // share of PRNU's square
       share = spread.variance_dn2_per_s2 * shown, error = spread.standard_error * shown;
@@ -81,9 +86,7 @@ void take_dark_current(const std::vector<ResponseLevel>& levels, double bias_exp
     return;
   }
   const bool is_none = share + kSure * error < kOfSquare;
-  if (is_none || !(longest_s >= kOfBias * bias_exposure_s) ||
-      !may_be_dark_current(longest_s, s_per_dn, response, out))
-    return;
+  if (is_none || !may_be_dark_current(darkless_s, s_per_dn, response, out)) return;
   out.warnings.push_back(
       fmt::format("flats of up to {:.3g} s have no dark frames of their exposure: dark current "
                   "that differs from pixel to pixel counts as PRNU, {:.2g} DN/s as 5 % of it; {}",

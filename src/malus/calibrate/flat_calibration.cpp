@@ -282,7 +282,7 @@ void FlatSeries::tell_response(PhysicsCalibration& out) const {
   Response relative = patterns_.response.response({out.sigma_row.mean, out.row_drift.drift});
   widen_by_bend(fits_, relative);
   warn_of_response(response_pattern(relative, run_.geometry()), run_.format().layout, out);
-  take_dark_current(patterns_.of_response, run_.bias().exposure_s.value_or(0.0), relative, out);
+  take_dark_current(patterns_.of_response, relative, out);
   out.prnu_map = std::move(relative.map);
   out.prnu = std::move(relative.prnu);
   out.prnu_stderr = std::move(relative.prnu_stderr);

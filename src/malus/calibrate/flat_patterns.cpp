@@ -19,19 +19,19 @@ void FlatPatterns::add(const FrameFormat& format, const FrameSet& flat, FlatLeve
   for (std::size_t c = 0; c < mean.size(); ++c)
     bright.push_back(good[c] && mean[c] > kResponseShare * format.range_dn(c));
   if (std::find(bright.begin(), bright.end(), true) == bright.end()) return;
-  const double darkless_s = dark.frames == 0 ? flat.exposure_s.value_or(0.0) : 0.0;
   LevelResponse of_level =
       response.add(level.temporal,
                    {dark.shading_dn(), dark.shading_error_dn2, dark.shading_doubt_dn2,
-                    dark.shading_set(), dark.shading_frames, darkless_s},
+                    dark.shading_set(), dark.shading_frames, dark.darkless_s},
                    level.filled, bright);
   // Of some channels it is no measure to compare with that of all.
   if (std::find(bright.begin(), bright.end(), false) != bright.end())
     of_level.variance = std::numeric_limits<double>::quiet_NaN();
   double s2_per_dn2 = 0;
   for (const double signal_dn : mean)
-    s2_per_dn2 += std::pow(darkless_s / signal_dn, 2) / static_cast<double>(mean.size());
-  of_response.push_back({darkless_s, s2_per_dn2, of_level.variance, of_level.standard_error});
+    s2_per_dn2 += std::pow(dark.darkless_s / signal_dn, 2) / static_cast<double>(mean.size());
+  of_response.push_back({flat.exposure_s.value_or(0.0), dark.darkless_s, s2_per_dn2,
+                         of_level.variance, of_level.standard_error});
 }
 
 std::string FlatPatterns::response_missing(const FrameFormat& format) const {

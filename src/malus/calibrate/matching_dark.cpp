@@ -87,16 +87,22 @@ void take_own_dark(const GainRun& run, const FrameSet& set, const CommonDark& co
   subtract_levels(out.own_shading_dn, out.level_dn, run.geometry());
 }
 
+bool has_exposure_of(const FrameSet& flat, const FrameSet& dark) {
+  constexpr double kSameExposure = 0.01;
+  return flat.exposure_s && dark.exposure_s &&
+         std::abs(*dark.exposure_s / *flat.exposure_s - 1.0) <= kSameExposure;
+}
+
+double darkless_s(const FrameSet& flat, const FrameSet& bias) {
+  if (!(flat.exposure_s.value_or(0.0) > 0) || has_exposure_of(flat, bias)) return 0.0;
+  return *flat.exposure_s - bias.exposure_s.value_or(0.0);
+}
+
 }  // namespace
 
 std::optional<int> own_dark(const FrameSet& flat, const std::vector<const FrameSet*>& darks) {
-  constexpr double kSameExposure = 0.01;
-  for (std::size_t i = 0; i < darks.size(); ++i) {
-    const FrameSet& set = *darks[i];
-    if (flat.exposure_s && set.exposure_s && set.count >= 2 &&
-        std::abs(*set.exposure_s / *flat.exposure_s - 1.0) <= kSameExposure)
-      return static_cast<int>(i);
-  }
+  for (std::size_t i = 0; i < darks.size(); ++i)
+    if (darks[i]->count >= 2 && has_exposure_of(flat, *darks[i])) return static_cast<int>(i);
   return std::nullopt;
 }
 
@@ -115,6 +121,7 @@ MatchingDark matching_dark(const GainRun& run, const FrameSet& flat, const Commo
   } else {
     take_common_dark(common.pass, out);
     take_common_shading(common, out);
+    out.darkless_s = darkless_s(flat, run.bias());
   }
   const std::vector<double> bias_level_dn = common.pass.temporal.mean_dn();
   for (std::size_t c = 0; c < out.level_dn.size(); ++c) {

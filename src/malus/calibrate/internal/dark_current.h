@@ -11,8 +11,11 @@ namespace malus {
 
 /// One flat level of the response.
 struct ResponseLevel {
-  double darkless_s = 0;  ///< exposure; 0: dark frames of it were subtracted
-  /// Mean over the channels of the square of that exposure over the signal: what an unlike dark
+  double exposure_s = 0;
+  /// Exposure less that of the dark frames that were subtracted, below 0 of shorter flats; 0:
+  /// theirs was the same, or it is not known.
+  double darkless_s = 0;
+  /// Mean over the channels of the square of that difference over the signal: what an unlike dark
   /// current of 1 DN/s adds to prnu2.
   double s2_per_dn2 = 0;
   /// Square of the PRNU of this level alone, of all channels; NaN where it shows that of some.
@@ -21,10 +24,9 @@ struct ResponseLevel {
 
 /// Takes from prnu, where the levels tell of it clearly, what dark current makes of it, and appends
 /// a warning; another one where they tell nothing, flats have no dark frames of their exposure, and
-/// dark current may be a part of PRNU: the exposure is a second or more, or 0.3 s and so long for
-/// its light that 50 e-/s make PRNU (0.3 % at least, 1 % at most) 5 % too large; and ten times that
-/// of the bias frames. Reads K.
-void take_dark_current(const std::vector<ResponseLevel>& levels, double bias_exposure_s,
-                       Response& response, PhysicsCalibration& out);
+/// dark current may be a part of PRNU: the exposures differ by a second or more, or by 0.3 s and so
+/// much for the light that 50 e-/s make PRNU (0.3 % at least, 1 % at most) 5 % too large. Reads K.
+void take_dark_current(const std::vector<ResponseLevel>& levels, Response& response,
+                       PhysicsCalibration& out);
 
 }  // namespace malus

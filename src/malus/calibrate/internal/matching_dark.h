@@ -26,6 +26,9 @@ struct MatchingDark {
   /// Per channel, variance of a pixel's error in the shading, and the standard error of that.
   std::vector<double> shading_error_dn2, shading_doubt_dn2;
   int shading_frames = 1;  ///< that the shading is the mean of
+  /// Exposure of the flats less that of these frames, whose dark pattern they hold beyond this one;
+  /// 0 where it is the same to 1 %, or not known.
+  double darkless_s = 0;
   /// Per channel: a pixel whose shading is above is a defect, which stands out of the others
   /// without light, or lies beyond half of the range.
   std::vector<double> defect_above_dn;

@@ -22,7 +22,7 @@ struct Response {
   std::vector<double> prnu_stderr;
   /// Mean signal per channel that it was measured at, each level by its weight.
   std::vector<double> level_dn = {};
-  /// And the exposure over the signal, of levels without dark frames of it; 0 for others.
+  /// And DarkReference::darkless_s over the signal.
   std::vector<double> darkless_s_per_dn = {};
 };
 
@@ -33,7 +33,7 @@ struct DarkReference {
   std::vector<double> doubt_dn2;  ///< standard error of that
   int set = 0;                    ///< levels of one set have this error in common
   int frames = 1;
-  double darkless_s = 0;  ///< the flat's exposure, if theirs is another
+  double darkless_s = 0;  ///< the flat's exposure less theirs; 0 if it is the same
 };
 
 /// Square of one level's PRNU, from differences of neighbours of one channel.
