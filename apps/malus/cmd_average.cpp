@@ -90,12 +90,6 @@ void refuse_again(const std::vector<fs::path>& inputs) {
       throw InputError(input.string(), "is given twice", "leave it out once");
 }
 
-void check_ending(const fs::path& output) {
-  if (!has_picture_ending(output) || lower_case(output.extension().string()) == ".png")
-    throw InputError(output.string(), "has no ending of files that hold floats",
-                     "use .tif, .fits, .exr or .npy");
-}
-
 void run_average(AverageArguments arguments, const Common& common) {
   const FrameOptions options = arguments.raw.resolve();
   arguments.inputs = frames_of_inputs(arguments.inputs, options);
@@ -107,7 +101,7 @@ void run_average(AverageArguments arguments, const Common& common) {
                      fmt::format("is frame {} of them", arguments.inputs.size()),
                      fmt::format("give {} or less", kMostAveraged));
   refuse_again(arguments.inputs);
-  check_ending(arguments.output);
+  require_ending_for(arguments.output, SampleType::kFloat);
   require_headers(arguments.inputs, options);
   std::vector<fs::path> read;
   for (const fs::path& input : arguments.inputs) read.push_back(frame_place(input).file);

@@ -234,6 +234,7 @@ class DenoiseRun {
     Json record = run_record(kept.before, kept.profile, job.input, options_.raw_format,
                              job.names.mosaic, kept.run);
     if (!job.reference.path.empty()) name_reference(record, job.reference, job.names.mosaic);
+    if (!job.names.variance.empty()) name_variance(record, job.names.variance, job.names.mosaic);
     write_file(job.names.record, json_utf8(record, 2) + "\n", force_);
   }
 

@@ -292,11 +292,12 @@ void run_image_comparison(const EvaluateArguments& arguments, const Common& comm
     if (!e.image_ssim)
       note(common, fmt::format("{}: no SSIM: {}", path.string(), e.image_ssim.reason()));
     Json json = evaluation_json(e, peak_dn);
-    if (arguments.noise.test.size() > 1) json["test"] = path.string();
+    json["test"] = path.string();
     results.push_back(std::move(json));
     text += table_line(path.string(), width, cells_of(e));
   }
   Json json = results.size() == 1 ? results[0] : Json{{"results", results}};
+  json["reference"] = reference_path.string();
   json["warnings"] = take_warnings();
   if (!arguments.report.empty()) write_evaluation_report(json, arguments.report, common.force);
   print_result(common, json, text);

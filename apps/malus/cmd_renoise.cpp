@@ -116,7 +116,10 @@ void run_renoise(RenoiseArguments arguments, const Common& common) {
   const auto names = output_names(arguments.inputs, arguments.folder,
                                   "_renoised." + arguments.format, arguments.guides);
   const OutputFolder output(arguments.folder);
-  for (const fs::path& name : names) check_output(name, common.force);
+  for (const fs::path& name : names) {
+    require_ending_for(name, arguments.as_float ? SampleType::kFloat : SampleType::kUint16);
+    check_output(name, common.force);
+  }
   const auto progress = make_progress(common);
   Json frames = Json::array();
   std::string text;

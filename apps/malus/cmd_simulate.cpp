@@ -148,9 +148,10 @@ void add_simulate(CLI::App& app, Common& common) {
   command->add_option("--layout", arguments->layout, "sensor layout")
       ->check(one_of(SensorLayout::known_names()))
       ->capture_default_str();
-  command->add_flag("--polarized", arguments->polarized,
-                    "give the scene a relief and polarize its light by the Fresnel equations; seed "
-                    "and number decide the relief");
+  CLI::Option* polarized = command->add_flag(
+      "--polarized", arguments->polarized,
+      "give the scene a relief and polarize its light by the Fresnel equations; seed "
+      "and number decide the relief");
   command->add_flag("--truth", arguments->truth,
                     "also S0, S1, S2, DoLP, AoLP at full resolution and the normals, as EXR");
   command
@@ -168,6 +169,9 @@ void add_simulate(CLI::App& app, Common& common) {
   command->get_option("--color-matrix")->expected(9)->allow_extra_args(false);
   command->get_option("--white-balance")->expected(3)->allow_extra_args(false);
   add_flags(*command, arguments->scene);
+  SceneSettings::describe(arguments->scene, [&](const auto&, const ParameterInfo& info) {
+    command->get_option(flag_name(info.name))->needs(polarized);
+  });
 }
 
 }  // namespace malus::app

@@ -189,6 +189,7 @@ std::vector<std::vector<fs::path>> plan_noisy_files(const SynthesizeArguments& a
     const auto names = output_names(arguments.inputs, arguments.folder,
                                     fmt::format("_{:03}.{}", n, arguments.format));
     for (std::size_t i = 0; i < names.size(); ++i) {
+      require_ending_for(names[i], arguments.as_float ? SampleType::kFloat : SampleType::kUint16);
       check_output(names[i], force);
       plans[i].push_back(names[i]);
     }
@@ -310,7 +311,7 @@ void add_synthesize(CLI::App& app, Common& common) {
   command->add_option("--format", arguments->format, "ending of the results")
       ->check(one_of({"tif", "png", "fits", "npy", "exr"}))
       ->capture_default_str();
-  arguments->raw.add_to(*command, {.gain = false});
+  arguments->raw.add_to(*command, {.gain = false, .means = false});
   add_flags(*command, arguments->settings);
   arguments->kind = command->get_option("--kind");
 }

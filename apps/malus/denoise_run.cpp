@@ -14,6 +14,7 @@
 
 #include "frame_input.h"
 #include "program.h"
+#include "stokes_uncertainty.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -86,6 +87,14 @@ NoiseProfile profile_of_record(const Json& record, const SensorLayout& layout,
 std::vector<Quantity> metrics_of(const DenoisedFrame& frame, const Image& test) {
   return quantities_of(
       evaluate_mosaics(frame.reference_dn, test, frame.before.layout, frame.reference_peak_dn));
+}
+
+// Of a run with --uncertainty, whose file may have been taken away since.
+void take_variance(const fs::path& path, DenoisedFrame& frame) {
+  std::error_code unknown;
+  if (!fs::exists(path, unknown)) return;
+  frame.variance_dn2 = Image(frame.before.dn.rows(), frame.before.dn.cols());
+  unpack(load_variance(path, frame.before), frame.before.layout, frame.variance_dn2);
 }
 
 }  // namespace
@@ -212,6 +221,10 @@ void name_reference(Json& record, const Reference& reference, const fs::path& re
   if (reference.black_dn) record["reference_black_dn"] = *reference.black_dn;
 }
 
+void name_variance(Json& record, const fs::path& variance, const fs::path& result) {
+  record["variance_file"] = relative_to(variance, result.parent_path());
+}
+
 DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
   try {
     const fs::path folder = record_file.parent_path();
@@ -236,6 +249,8 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     frame.profile = profile_of_record(record, *options.layout, record_file);
     frame.run = record.at("run");
     if (!frame.run.is_object()) refuse_record(record_file, "run is no object");
+    if (record.contains("variance_file"))
+      take_variance(folder / record.at("variance_file").get<std::string>(), frame);
     if (record.contains("reference_file")) {
       Reference reference{folder / record.at("reference_file").get<std::string>(),
                           number_in(record, "reference_ratio", record_file),

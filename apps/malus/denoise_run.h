@@ -52,7 +52,12 @@ std::string metrics_text(const DenoisedFrame& frame);
 void name_reference(nlohmann::ordered_json& record, const Reference& reference,
                     const std::filesystem::path& result);
 
-/// Loads input and result of a record. Throws InputError.
+/// And where its variance lies, if the run wrote it.
+void name_variance(nlohmann::ordered_json& record, const std::filesystem::path& variance,
+                   const std::filesystem::path& result);
+
+/// Loads input and result of a record, and the variance where its file is still there. Throws
+/// InputError.
 DenoisedFrame load_run(const std::filesystem::path& record_file,
                        const nlohmann::ordered_json& record);
 

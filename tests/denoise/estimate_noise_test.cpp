@@ -371,43 +371,6 @@ TEST(EstimateProfile, PixelsThatHoldNoLightTakeNoPart) {
   }
 }
 
-// A lamp before a background without a single count, in floats: its levels have neither light nor
-// noise.
-TEST(EstimateProfile, ABackgroundWithoutLightIsNoBoundOfTheNoise) {
-  RawFrame frame = frame_of(Image(256, 256), shot_and_read_noise(0.5, 0));
-  frame.layout = SensorLayout();
-  frame.black_dn = {0};
-  frame.black_known = true;
-  const PhysicsNoise shot = shot_and_read_noise(0.5, 0);
-  const RawFrame lit = frame_of(Image(256, 256, 200.0F), shot);
-  for (int r = 0; r < 256; ++r)
-    for (int c = 0; c < 256; ++c)
-      frame.dn(r, c) = std::hypot(r - 128, c - 128) < 30 ? lit.dn(r, c) : 0.0F;
-  const Estimate<PictureNoise> noise = estimate_profile(frame);
-  ASSERT_TRUE(noise);
-  EXPECT_NEAR(std::sqrt(noise->profile.channels[0].variance(200)), 10, 2);
-}
-
-// A patch of 6x6 pixels of one phase does not hold all channels of a cell of 8x8.
-TEST(EstimateProfile, CellsLargerThanAPatchHaveTheirNoiseToo) {
-  std::vector<std::vector<std::string>> sites(8, std::vector<std::string>(8, "R"));
-  for (int r = 0; r < 8; ++r)
-    for (int c = 0; c < 8; ++c)
-      sites[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)] =
-          r < 4 ? (c < 4 ? "R" : "G1") : (c < 4 ? "G2" : "B");
-  PhysicsNoise camera;
-  camera.layout = SensorLayout::from_sites(sites);
-  camera.quantization_dn = 0;
-  camera.channels.assign(64, PhysicsChannel{0.5, 1.0, 0.0, 3 * std::sqrt(3.0), 0.0});
-  Image texture = shaded(640, 640, 100, 600);
-  RandomSequence random(3, 0, Draw::kOther);
-  for (float& dn : texture.values()) dn *= static_cast<float>(1 + 0.1 * random.normal());
-  const Estimate<PictureNoise> noise = estimate_profile(frame_of(texture, camera));
-  ASSERT_TRUE(noise);
-  for (const ChannelProfile& channel : noise->profile.channels)
-    EXPECT_TRUE(std::isfinite(channel.variance(300)));
-}
-
 TEST(EstimateProfile, RefusesWhatHasNoNoiseOrIsTooSmall) {
   RawFrame flat = frame_of(shaded(512, 512, 30, 60), shot_and_read_noise(1.5, 3.7));
   for (float& v : flat.dn.values()) v = 500;

@@ -99,7 +99,7 @@ def test_what_is_no_burst_is_refused(malus, refused, camera, tmp_path):  # noqa:
     np.save(tmp_path / "other.npy", np.zeros((8, 8), np.uint16))
     assert "other.npy" in refused("average", files[0], tmp_path / "other.npy", *out)
     assert "is given twice" in refused("average", *files, tmp_path / "burst" / ".." / "burst" / files[0].name, *out)
-    assert "hold floats" in refused("average", *files, "-o", tmp_path / "mean.png")
+    assert "no floating-point values" in refused("average", *files, "-o", tmp_path / "mean.png")
     assert not (tmp_path / "mean.tif").exists()
     assert "is an input" in refused("average", *files, "-o", files[0], "--force")
     malus("average", *files, "--layout", "polar-mono", "--black", camera["black"], *out)

@@ -79,6 +79,7 @@ def test_wrong_usage_exits_2(malus, arguments):
       for method in ("vst-bm3d", "paper-mbm3d")),
     ["denoise", "f.npy", "-o", "out", "--extrapolate-gain"],
     ["model", "show", "m", "--extrapolate-gain"],
+    ["simulate", "p.png", "-o", "out", "--gloss", "0.1"],
     ["denoise", "f.npy", "-o", "out", "--reference-ratio", "2"],
     *(["evaluate", "--reference", "f.npy", "--test", "f.npy", "--noise", *flags]
       for flags in (["--ratio", "2"], ["--peak", "9"], ["--report", "r.html"], ["--kind", "gaussian"], ["--frames", "3"])),

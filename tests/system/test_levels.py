@@ -358,3 +358,13 @@ def test_a_reference_of_codes_beside_floats_is_told(malus, tmp_path):
            "--force", "--reference", tmp_path / "codes.npy")
     assert "codes.npy: black level not known, taken as the frame's, 0 DN" in malus(*run).err
     assert "codes.npy" not in malus(*run, "--reference-black", 82).err
+
+
+def test_endings_that_cannot_hold_the_results_are_refused_before_the_work(refused, tmp_path):
+    np.save(tmp_path / "clean.npy", np.full((64, 64), 300, np.float32))
+    np.save(tmp_path / "raw.npy", np.full((64, 64), 300, np.uint16))
+    model = ["--model", "imx250mzr-simulated", "-o", tmp_path / "out"]
+    for command in (["synthesize", tmp_path / "clean.npy", "--gain", 12], ["renoise", tmp_path / "raw.npy", "--from", 6, "--to", 12]):
+        assert "no floating-point values" in refused(*command, *model, "--float", "--format", "png")
+        assert "no 8 or 16 bit integers" in refused(*command, *model, "--format", "exr")
+    assert not (tmp_path / "out").exists()

@@ -296,6 +296,20 @@ def test_warnings_of_an_evaluation_stand_in_its_page(malus, tmp_path):
     malus("report", tmp_path / "e.json", "-o", tmp_path / "later.html")
     for name in ("now", "later"):
         assert warnings_of(page_data(tmp_path / f"{name}.html")) == said(run)
+        assert "clean.npy" in json.dumps(page_data(tmp_path / f"{name}.html"))
+
+
+def test_a_page_made_later_has_the_confidence_maps(malus, tmp_path):
+    np.save(tmp_path / "a.npy", np.random.default_rng(3).normal(400, 9, (64, 64)).round().astype(np.uint16))
+    malus("denoise", tmp_path / "a.npy", "--model", "imx250mzr-simulated", "--gain", 12, "--profile", "fast", "--uncertainty",
+          "-o", tmp_path / "out", "--report", tmp_path / "now.html")
+    later = ("report", tmp_path / "out/a_denoised.json", "--force", "-o", tmp_path / "later.html")
+    malus(*later)
+    layers = [[layer["name"] for block in blocks_of(page_data(tmp_path / f"{name}.html"), "pictures") for layer in block["layers"]]
+              for name in ("now", "later")]
+    assert layers[0] == layers[1] and len(layers[0]) == 2
+    (tmp_path / "out/a_variance.exr").unlink()  # not needed for the rest
+    malus(*later)
 
 
 def test_a_folder_leaves_out_what_cannot_be_shown(malus, refused, session, tmp_path):

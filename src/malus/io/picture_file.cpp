@@ -49,9 +49,7 @@ std::string codec_by_ending(const fs::path& path) {
                    "use .tif, .png, .exr, .fits or .npy");
 }
 
-SampleType sample_type(const fs::path& path, const std::string& codec, const SaveOptions& options) {
-  const SampleType type =
-      options.type.value_or(codec == "png" ? SampleType::kUint16 : SampleType::kFloat);
+void require_type(const fs::path& path, const std::string& codec, SampleType type) {
   const bool integer = type == SampleType::kUint8 || type == SampleType::kUint16;
   if (codec == "png" && !integer)
     throw InputError(path.string(), "PNG holds no floating-point values",
@@ -60,6 +58,12 @@ SampleType sample_type(const fs::path& path, const std::string& codec, const Sav
     throw InputError(path.string(), "EXR holds no 8 or 16 bit integers", "use .tif or .png");
   if (codec != "openexr" && type == SampleType::kHalf)
     throw InputError(path.string(), "half precision exists in EXR only", "use .exr");
+}
+
+SampleType sample_type(const fs::path& path, const std::string& codec, const SaveOptions& options) {
+  const SampleType type =
+      options.type.value_or(codec == "png" ? SampleType::kUint16 : SampleType::kFloat);
+  require_type(path, codec, type);
   return type;
 }
 
@@ -159,6 +163,10 @@ std::optional<std::size_t> alpha_plane(const fs::path& path, const Picture& pict
 
 bool has_picture_ending(const fs::path& path) {
   return known_ending(lower_case(path.extension().string())) != nullptr;
+}
+
+void require_ending_for(const fs::path& path, SampleType type) {
+  require_type(path, codec_by_ending(path), type);
 }
 
 Picture load_picture(const fs::path& path) {

@@ -70,6 +70,10 @@ inline constexpr const char* kHoldsDenoised = "denoised";
 /// Whether save_picture knows the ending, in any case of letters.
 bool has_picture_ending(const std::filesystem::path& path);
 
+/// What save_picture would say of the ending, before the work: throws InputError where it is
+/// unknown or its files cannot hold the type.
+void require_ending_for(const std::filesystem::path& path, SampleType type);
+
 /// names: one per channel, or empty for Y / RGB / RGBA / C00, C01, ... Throws InputError when the
 /// ending is unknown or cannot hold the type or the number of channels (PNG: 1 to 4).
 void save_picture(const std::filesystem::path& path, const Planes& planes,
