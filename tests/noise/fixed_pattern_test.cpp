@@ -125,6 +125,48 @@ TEST(FixedPatternAt, ColumnsAreDrawnByTheErrorOfTheirMeans) {
     }
 }
 
+// Shading many times as wide as the columns differ: of their differences, half of which are error,
+// frames hold what the map says. They held half of it when the shading's variance passed for that
+// of the columns. The shading stays as it is.
+TEST(FixedPatternAt, ShadingAlongTheRowsHidesNoErrorOfTheColumns) {
+  constexpr int kWide = 1600;
+  constexpr double kPixels = 0.3, kColumns = 0.2, kShading = 3;
+  NoiseModel model;
+  model.layout = SensorLayout::named("polar-mono");
+  PhysicsCalibration p;
+  p.bias_frames = 25;
+  p.dsnu_dn.assign(4, std::hypot(kPixels, kShading / std::sqrt(2.0)));
+  p.sigma_column.mean.assign(4, 5 * kColumns);
+  p.dark_shading_dn = Image(kRows, kWide);
+  RandomSequence random(23, 0, Draw::kOther);
+  std::vector<double> truth;
+  for (int c = 0; c < kWide; ++c) {
+    const double smooth = kShading * std::sin(c / 40.0), error = kColumns * random.normal();
+    truth.push_back(kColumns * random.normal());
+    for (int r = 0; r < kRows; ++r)
+      p.dark_shading_dn(r, c) =
+          static_cast<float>(smooth + truth.back() + error + kPixels * random.normal());
+  }
+  model.physics.push_back(p);
+  const auto pattern = fixed_pattern_at(model, {});
+  ASSERT_FALSE(pattern->dark_columns_dn.empty());
+  double product = 0, square = 0, smooth = 0, of_sine = 0;
+  for (int c = 2; c + 2 < kWide; ++c) {
+    const auto stands_out = [&](const auto& at) { return at(c) - 0.5 * (at(c - 2) + at(c + 2)); };
+    const auto map = [&](int col) {
+      return 0.5 * (pattern->dark_columns_dn(0, col) + pattern->dark_columns_dn(1, col));
+    };
+    const double of_map = stands_out(map);
+    product += of_map * stands_out([&](int col) { return truth[static_cast<std::size_t>(col)]; });
+    square += of_map * of_map;
+    smooth += map(c) * std::sin(c / 40.0);
+    of_sine += std::pow(std::sin(c / 40.0), 2);
+  }
+  EXPECT_NEAR(product / square, 1, 0.2);          // ± 0.05, most of it of the variance
+  EXPECT_NEAR(smooth / of_sine, kShading, 0.05);  // ± 0.01
+  EXPECT_NEAR(pattern->dark_columns_kept, 0.5, 0.07);
+}
+
 TEST(PatternDeviationsAt, AreThoseOfTheNearestGainInTheFramesDn) {
   NoiseModel model;
   model.layout = SensorLayout::named("mono");

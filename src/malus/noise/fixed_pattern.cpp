@@ -105,6 +105,56 @@ bool differ(const Image& columns, const SensorLayout& layout,
   return squares / count > 1 + kChance * std::sqrt(2 / count);
 }
 
+// What columns share with the next four of their channel on either side (fewer towards an edge, as
+// many on both): the median, which a weak column leaves as it is.
+constexpr int kBeside = 4;
+
+Image smooth_along_rows(const Image& columns, int period) {
+  Image smooth(columns.rows(), columns.cols());
+  for (int row = 0; row < columns.rows(); ++row)
+    for (int col = 0; col < columns.cols(); ++col) {
+      const int beside = std::min({kBeside, col / period, (columns.cols() - 1 - col) / period});
+      std::vector<double> values;
+      for (int k = -beside; k <= beside; ++k) values.push_back(columns(row, col + k * period));
+      smooth(row, col) = static_cast<float>(median_of(std::move(values)));
+    }
+  return smooth;
+}
+
+// As take_sampling_error_out, of each by its own variance: what is smooth along the rows and what
+// differs from it. Sampling error is in the second, and so is all that a frame is compared with. A
+// glow's variance in that of the whole would keep the error: then frames, which do not have it,
+// seem to hold less of the columns than they do, and of the glow less than all is taken out.
+// Returns what is kept of the differences that frames are compared with.
+double take_error_out_of_columns(Image& columns, const SensorLayout& layout,
+                                 const std::vector<double>& error_variance) {
+  constexpr int kColumns = 2 * kBeside + 1;
+  constexpr double kOfMedian = 0.166;  // variance of the median of as many, of variance 1
+  constexpr double kOfRest = 1 - 2.0 / kColumns + kOfMedian;
+  const Image before = columns;
+  const int period = layout.cols();
+  const auto draw = [&](Image& part, double share) {
+    std::vector<double> error = error_variance;
+    for (double& e : error) e *= share;
+    take_sampling_error_out(part, layout, 0, ordinary_variances(part, layout, 0), error);
+  };
+  Image smooth = smooth_along_rows(columns, period);
+  for (std::size_t i = 0; i < columns.size(); ++i) columns.values()[i] -= smooth.values()[i];
+  draw(smooth, kOfMedian);
+  draw(columns, kOfRest);
+  for (std::size_t i = 0; i < columns.size(); ++i) columns.values()[i] += smooth.values()[i];
+  double square = 0, product = 0;
+  for (int row = 0; row < columns.rows(); ++row)
+    for (int col = period; col + period < columns.cols(); ++col) {
+      const auto stands_out = [&](const Image& map) {
+        return map(row, col) - 0.5 * (double{map(row, col - period)} + map(row, col + period));
+      };
+      square += stands_out(columns) * stands_out(columns);
+      product += stands_out(columns) * stands_out(before);
+    }
+  return square < product ? square / product : 1;
+}
+
 // A map, and the part of it that whole columns have in common.
 struct Parts {
   Image map, columns;
@@ -133,8 +183,7 @@ Parts parts_of(Image map, const SensorLayout& layout, double middle,
         parts.map(row, col) -= columns(row % layout.rows(), col);
     variance = ordinary_variances(parts.map, layout, middle);
     for (std::size_t c = 0; c < channels; ++c) error[c] = std::max(error[c] - of_columns[c], 0.0);
-    parts.columns_kept = take_sampling_error_out(
-        columns, layout, 0, ordinary_variances(columns, layout, 0), of_columns);
+    parts.columns_kept = take_error_out_of_columns(columns, layout, of_columns);
     parts.columns = std::move(columns);
   }
   parts.kept = take_sampling_error_out(parts.map, layout, middle, variance, error);

@@ -29,7 +29,8 @@ struct FixedPattern {
 /// The maps of the measured gain nearest to `gain` (of the first one where no gain is named), each
 /// of the nearest that has it; null where the model holds none. Of ordinary pixels their sampling
 /// error's share, as DSNU and PRNU tell it, is taken away (Wiener), of outliers less; of columns
-/// that of a mean over their pixels. Contract: no contradiction_in(model).
+/// that of a mean over their pixels, apart from what is smooth along the rows. Contract: no
+/// contradiction_in(model).
 std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
                                                      const GainSetting& gain);
 

@@ -33,11 +33,13 @@ struct PatternShare {
 /// The shares of a map's pixels and of its columns.
 struct PatternShares {
   PatternShare pixels, columns;
-  /// That of the pixels where the columns' own is not told from chance, but agrees with it.
+  /// Where the two agree, the better told one; else the columns' own. That of the columns tells how
+  /// they differ from their neighbours, and is applied to what is smooth along the rows as well.
   double columns_taken() const {
     const double all = pixels.taken();
-    const bool agree = std::abs(columns.value - all) < 4 * columns.stderr_value;
-    return columns.present() || !agree ? columns.taken() : all;
+    const bool agree = std::abs(columns.value - all) < 4 * columns.stderr_value,
+               better = columns.present() && columns.stderr_value < pixels.stderr_value;
+    return agree && !better ? all : columns.taken();
   }
   /// For the record: the pixels' where it counts.
   double taken() const { return pixels.present() ? pixels.taken() : columns_taken(); }
