@@ -68,14 +68,22 @@ class RowGroupDecision {
  public:
   explicit RowGroupDecision(std::optional<int> declared) : declared_(declared) {}
 
+  std::optional<int> declared() const { return declared_; }
+
   /// matters: whether results depend on the row group; if not, failing to find one is not told.
-  int update(const Estimate<int>& found, bool matters, std::vector<std::string>& warnings) {
+  /// against_declared: what the frames tell against the declaration where none is found.
+  int update(const Estimate<int>& found, bool matters, const std::string& against_declared,
+             std::vector<std::string>& warnings) {
     if (declared_) {
       if (found && *found != *declared_)
         warnings.push_back(
             fmt::format("the session declares a row group of {}, the frames look "
                         "like one of {}: check the declaration",
                         *declared_, *found));
+      else if (!found && !against_declared.empty())
+        warnings.push_back(
+            fmt::format("the session declares a row group of {}, counted from row 0, but {}",
+                        *declared_, against_declared));
       return *declared_;
     }
     if (!found) {
@@ -106,11 +114,13 @@ int update_row_group(const DarkPass& dark, RowGroupDecision& decision,
                      std::vector<std::string>& warnings) {
   if (dark.rows.frames() < 2)
     return decision.update(Undecided{"one bias frame cannot tell row noise from fixed rows"}, true,
-                           warnings);
+                           {}, warnings);
   const double temporal_dn2 = mean_temporal_variance(dark);
   const RowVariance row = row_variance_of(dark.rows, temporal_dn2, dark.rows.cols());
+  const std::string against =
+      decision.declared() ? contradiction_of_group(dark.rows, row, *decision.declared()) : "";
   return decision.update(detect_row_group(dark.rows, row), row_noise_matters(row, temporal_dn2),
-                         warnings);
+                         against, warnings);
 }
 
 // Row noise is the spread of a channel's row groups.

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include <fmt/format.h>
@@ -39,11 +40,23 @@ Shared shared(const RowLagAccumulator& rows, int period, int phase, double row_v
   return share_of_rows(covariance, row_variance_dn2);
 }
 
-// Whether the rows are read out in groups of a number that is no power of two: then all pairs of
-// that period but one are shared. A search among powers of two sees pairs that are shared in part
-// wherever it looks, as if the rows drifted slowly.
-std::optional<Estimate<int>> other_group(const RowLagAccumulator& rows, double row_variance_dn2) {
-  for (const int period : {3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15}) {
+// Groups of `period` rows, of which the first ends after row `end`.
+struct PlacedGroup {
+  int period = 1, end = 0;
+  bool is_at_start() const { return end == period - 1; }
+  std::string text() const {
+    return fmt::format(
+        "{} rows share their noise, and the first group ends after row {}: crop the frames by {} "
+        "row{}",
+        period, end, end + 1, end == 0 ? "" : "s");
+  }
+};
+
+// Groups of a number of rows that is no power of two, or that do not start at row 0: then all pairs
+// of that period but one are shared. A search among powers of two from row 0 on sees pairs that are
+// shared in part wherever it looks, as if the rows drifted slowly.
+std::optional<PlacedGroup> other_group(const RowLagAccumulator& rows, double row_variance_dn2) {
+  for (int period = 2; period <= 15; ++period) {
     std::vector<Shared> pairs;
     for (int phase = 0; phase < period; ++phase)
       pairs.push_back(shared(rows, period, phase, row_variance_dn2));
@@ -55,11 +68,9 @@ std::optional<Estimate<int>> other_group(const RowLagAccumulator& rows, double r
     if (std::count_if(pairs.begin(), pairs.end(), [](const Shared& p) { return p.yes(); }) !=
         period - 1)
       continue;
-    if (end + 1 == pairs.end()) return period;
-    return Undecided{fmt::format(
-        "{} rows share their noise, and the first group ends after row {}: crop the frames by {} "
-        "rows",
-        period, end - pairs.begin(), end - pairs.begin() + 1)};
+    const PlacedGroup group{period, static_cast<int>(end - pairs.begin())};
+    const bool is_power_of_two = (period & (period - 1)) == 0;
+    if (!(is_power_of_two && group.is_at_start())) return group;
   }
   return std::nullopt;
 }
@@ -118,7 +129,10 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance&
         "row noise is too weak: {:.3g} DN² against a standard error of {:.3g} DN², and 3 of these "
         "are needed",
         row_variance, row_variance_se)};
-  if (const auto other = other_group(rows, row_variance)) return *other;
+  if (const auto other = other_group(rows, row_variance)) {
+    if (other->is_at_start()) return other->period;
+    return Undecided{other->text()};
+  }
   // [i]: pairs across the middle and across the end of 2^(i+1) rows.
   std::array<Shared, 4> middle, end;
   for (std::size_t i = 0; i < middle.size(); ++i) {
@@ -143,13 +157,43 @@ Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance&
   if (odd.yes() && even.no())
     return Undecided{fmt::format(
         "rows 2k+1 and 2k+2 share their noise ({}), rows 2k and 2k+1 do not ({}): the groups start "
-        "on an odd row; crop the frames by one row",
+        "on an odd row; crop the frames by 1 row",
         odd.text(), even.text())};
   return Undecided{fmt::format(
       "share of row noise in common: rows 2k, 2k+1 {}; rows 2k+1, 2k+2 {}; no pattern of 1 to "
       "15 rows is three standard errors away from {:.2f}; where the camera is known to read "
-      "another number of rows together, give row_group = N in [sensor]",
+      "another number of rows together, from row 0 on, give row_group = N in [sensor]",
       even.text(), odd.text(), even.above)};
+}
+
+std::string contradiction_of_group(const RowLagAccumulator& rows, const RowVariance& row,
+                                   int declared) {
+  if (rows.frames() < 2 || row.value_dn2 < kStandardErrors * row.standard_error_dn2) return {};
+  if (const auto other = other_group(rows, row.value_dn2)) {
+    const bool is_declared = other->is_at_start() && other->period == declared;
+    return is_declared ? std::string() : other->text();
+  }
+  std::vector<Shared> pairs;
+  double least = 1.0;
+  for (int phase = 0; phase < declared; ++phase) {
+    pairs.push_back(shared(rows, declared, phase, row.value_dn2));
+    // Of few groups the scatter tells too little of the error: at least that of pairs that share
+    // all, whose covariance over F frames has the relative variance 2/(F - 1).
+    const double groups = std::max((rows.rows() - 1 - phase) / declared, 1);
+    pairs.back().standard_error =
+        std::max(pairs.back().standard_error, std::sqrt(2.0 / ((rows.frames() - 1) * groups)));
+    least = std::min(least, pairs.back().ratio);
+  }
+  for (int phase = 0; phase + 1 < declared; ++phase) {
+    Shared& pair = pairs[static_cast<std::size_t>(phase)];
+    pair.above = 0.5 * (1.0 + std::max(0.0, least));
+    if (pair.no())
+      return fmt::format(
+          "rows {} and {} of each {} do not share their noise ({}): if its groups end after row "
+          "{}, crop the frames by {} row{}",
+          phase, phase + 1, declared, pair.text(), phase, phase + 1, phase == 0 ? "" : "s");
+  }
+  return {};
 }
 
 }  // namespace malus

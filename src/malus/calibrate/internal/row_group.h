@@ -5,6 +5,8 @@
 #include "malus/base/estimate.h"
 #include "malus/calibrate/temporal.h"
 
+#include <string>
+
 namespace malus {
 
 /// Variance of the rows' offsets over the frames, without what pixels alone lift the mean of a row
@@ -29,5 +31,13 @@ bool row_noise_matters(const RowVariance& row, double temporal_variance_dn2);
 /// all alike, and below the 1 of rows that share everything. Undecided otherwise (row noise too
 /// weak), and when the groups start on another row than the first (the frames were cropped).
 Estimate<int> detect_row_group(const RowLagAccumulator& rows, const RowVariance& row);
+
+/// What of the rows' noise speaks against groups of `declared` rows from row 0 on, for a warning;
+/// empty where nothing does, or row noise is too weak. For groups that detect_row_group has not
+/// found: where they start on another row than the first, and how many to crop. A pair of rows
+/// inside the groups must share less than the middle between 1 and the least alike pairs of that
+/// period, by three standard errors.
+std::string contradiction_of_group(const RowLagAccumulator& rows, const RowVariance& row,
+                                   int declared);
 
 }  // namespace malus
