@@ -109,6 +109,8 @@ camera("tails, lambda -0.27, 30 DN, 32x32", shape=-0.27, read_dn=30.0, row_dn=3.
 CUT = {"read_dn": 8.0, "k": 1.0, "row_dn": 0.8, "dsnu_dn": 1.0}
 for black in (24, 20, 16, 13, 8):
     camera(f"cut off, black at {black / 8:.2g} deviations", black=black, **CUT)
+for half in ({"dsnu_dn": 4.0}, {"row_dn": 4.0}):
+    camera(f"cut off, black at 1.4 deviations, {next(iter(half))} half of the noise", black=11, **{**CUT, **half})
 camera("cut off, lambda 0, black at 2.5 deviations", shape=0.0, black=20, **CUT)
 camera("cut off, lambda -0.2, black at 3 deviations", shape=-0.2, black=24, **CUT)
 camera("cut off, lambda -0.27, black at 6.4 deviations", shape=-0.27, read_dn=10.0, k=4.0, row_dn=3.0, dsnu_dn=2.0)

@@ -146,16 +146,20 @@ ResidualHistogram residuals_before_cut_off(const ResidualHistogram& all,
   // halves, or count it twice: up to a hundredth of all residuals, other ones in each session.
   const auto beyond_reach = [reach](double at) { return std::clamp(at + 1 - reach, 0.0, 1.0); };
   std::vector<double> counts;
+  const auto add_above = [&](double at, double count) {
+    if (count > 0) add_moved(at, count * (1 + beyond_reach(at)), counts);
+  };
   auto upper = above.cells().begin();
   for (const ResidualHistogram::Cell& both : all.cells()) {
     double up = 0;
     if (upper != above.cells().end() && upper->index == both.index) up = (upper++)->count;
-    if (up > 0) {
-      const double at = both.index + shift;
-      add_moved(at, up * (1 + beyond_reach(at)), counts);
-    }
-    const double at = both.index - shift, down = both.count - up;
-    if (down > 0) add_moved(at, down * (1 - beyond_reach(at)), counts);
+    add_above(both.index + shift, up);
+    // Between the mean that shows and the true level they lie above the latter, too.
+    const double at = both.index - shift, down = both.count - up,
+                 above_level = down * std::clamp(-at, 0.0, 1.0);
+    add_above(std::max(-at - 1, 0.0), above_level);
+    const double below = down - above_level, below_at = std::max(at, 0.0);
+    if (below > 0) add_moved(below_at, below * (1 - beyond_reach(below_at)), counts);
   }
   ResidualHistogram out(cell);
   out.assign(counts);
