@@ -312,6 +312,30 @@ TEST(CutOffNoise, ThatItIsUndoneIsWrittenDown) {
   std::filesystem::remove(path);
 }
 
+// The distributions and the dark frames hold the noise as it shows, which the model had called
+// worked out: dark frames of this kind were 3 DN too bright in the light, with half the variance.
+TEST(CutOffNoise, KindsThatHoldItAsItShowsSaySo) {
+  testing::SimulatedCamera camera = cut_camera(0.14, 1.6, 61);
+  camera.rows = camera.cols = 64;
+  CalibrationSettings settings;
+  settings.level_samples = 500;
+  const std::vector<ModelKind> kinds{ModelKind::kPhysics, ModelKind::kNonparametric,
+                                     ModelKind::kDarkFrames};
+  const auto holds_as_it_shows = [](const std::vector<std::string>& warnings) {
+    return std::ranges::any_of(warnings, [](const std::string& warning) {
+      return warning.find("as it shows") != std::string::npos;
+    });
+  };
+  for (const bool is_cut : {true, false}) {
+    if (!is_cut) camera.black_dn = 64;
+    const NoiseModel model =
+        calibrate(testing::simulated_session(camera), settings, kinds, silent_progress());
+    EXPECT_EQ(holds_as_it_shows(model.nonparametric.at(0).warnings), is_cut);
+    EXPECT_EQ(holds_as_it_shows(model.warnings), is_cut);
+    EXPECT_FALSE(holds_as_it_shows(model.physics.at(0).warnings));
+  }
+}
+
 // Eight bits of a camera without a black level: the part of the noise that shows is narrow, but the
 // noise is not, and what shows is kept as such.
 TEST(CutOffNoise, IsNotTakenForNoiseThatTheStepHides) {

@@ -228,7 +228,10 @@ void warn_of_clipping(const std::vector<double>& zero_share, const std::vector<d
       "level cuts the noise off; raise it{}",
       channels_text(cut, layout), 100 * most,
       floor == 0 ? "0" : fmt::format("at {:g} DN, the lowest code", floor), 100 * kMostSilentZeros,
-      out.cut_off_undone ? " (what the noise was before is worked out, as symmetric)" : ""));
+      out.cut_off_undone
+          ? " (physics and Gaussian models hold what the noise was before, worked out as "
+            "symmetric)"
+          : ""));
 }
 
 void warn_of_column_noise(PhysicsCalibration& out) {

@@ -203,6 +203,29 @@ void keep_warnings_of_physics(NoiseModel& model, Progress& progress) {
   }
 }
 
+// Noise that is cut off: only the physics results, and what is made of them, are of what it was
+// before. Where light lifts all of it above the cut, draws of it as it shows are not of the camera.
+void warn_of_noise_as_it_shows(NoiseModel& model, Progress& progress) {
+  for (const PhysicsCalibration& physics : model.physics) {
+    const std::vector<double>& zeros = physics.dark_zero_share;
+    if (!std::ranges::any_of(zeros, [](double share) { return share > kMostDarkZeros; })) continue;
+    const auto text = [](const char* what, const char* where) {
+      return fmt::format(
+          "the camera cuts the dark noise off, and {} hold it as it shows: {} light they are drawn "
+          "too bright and too weak; raise the black level, or draw of a physics model",
+          what, where);
+    };
+    for (NonparametricCalibration& distributions : model.nonparametric)
+      if (distributions.gain == physics.gain)
+        distributions.warnings.push_back(text("the distributions", "at dim"));
+    for (const DarkFrameBank& bank : model.dark_frames) {
+      if (bank.gain != physics.gain) continue;
+      model.warnings.push_back(gain_prefix(bank.gain) + text("dark frames", "in"));
+      progress.warn(model.warnings.back());
+    }
+  }
+}
+
 // Frames of several gains that nobody tells count as of one, whose K is between theirs; what is
 // wrong with them then has this cause too. A camera of one gain has nothing to tell.
 void warn_of_untold_gain(const CalibrationInput& input, NoiseModel& model, Progress& progress) {
@@ -242,6 +265,7 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
                                                 settings, progress, model))
       model.nonparametric.push_back(std::move(levels.distributions));
   if (contains(kinds, ModelKind::kDarkFrames)) add_dark_frames(input, settings, progress, model);
+  warn_of_noise_as_it_shows(model, progress);
   if (!contains(kinds, ModelKind::kPhysics)) {
     keep_warnings_of_physics(model, progress);
     model.physics.clear();
