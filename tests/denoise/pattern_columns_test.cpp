@@ -93,8 +93,9 @@ TEST(PatternColumns, ShadingAlongTheRowsGoesWhole) {
     }
 }
 
-// The columns' share is their own where it contradicts the pixels' or is better told.
-TEST(PatternColumns, WhereSharesAgreeTheBetterToldOneCounts) {
+// The columns' share is their own where it contradicts the pixels'; else it lies between theirs
+// and 1.
+TEST(PatternColumns, ShareLiesBetweenOneAndThatOfThePixels) {
   PatternShares shares{{.most = 10, .grows = true}, {.most = 10, .grows = true}};
   const auto taken = [&](double pixels, double pixels_error, double columns, double columns_error) {
     shares.pixels.value = pixels, shares.pixels.stderr_value = pixels_error;
@@ -103,11 +104,12 @@ TEST(PatternColumns, WhereSharesAgreeTheBetterToldOneCounts) {
   };
   EXPECT_EQ(taken(1, 0.01, 0.8, 0.1), 1);
   EXPECT_EQ(taken(1, 0.01, 0.2, 0.3), 1);  // not told
-  EXPECT_EQ(taken(0.6, 0.1, 1, 0.05), 1);
-  EXPECT_EQ(taken(0.9, 0.1, 1, 0.05), 1);
-  EXPECT_EQ(taken(3, 0.01, 1, 0.1), 1);     // a longer exposure
+  EXPECT_EQ(taken(0.6, 0.1, 0.95, 0.1), 0.95);
+  EXPECT_EQ(taken(1.4, 0.01, 1.2, 0.1), 1.2);  // a longer exposure
+  EXPECT_EQ(taken(1.4, 0.01, 0.8, 0.16), 1);
+  EXPECT_EQ(taken(3, 0.01, 1, 0.1), 1);
   EXPECT_EQ(taken(1, 0.01, 0.05, 0.1), 0);  // contradicts, and is none
-  EXPECT_EQ(taken(0.02, 0.01, 1, 0.1), 1);
+  EXPECT_EQ(taken(0.02, 0.01, 1, 0.1), 1);  // no pattern of pixels
 }
 
 }  // namespace

@@ -33,13 +33,15 @@ struct PatternShare {
 /// The shares of a map's pixels and of its columns.
 struct PatternShares {
   PatternShare pixels, columns;
-  /// Where the two agree, the better told one; else the columns' own. That of the columns tells how
-  /// they differ from their neighbours, and is applied to what is smooth along the rows as well.
+  /// The columns' own where it contradicts that of the pixels; else that, if it is not told from
+  /// chance, and if it is, what lies next to it between 1, which the same converters have in every
+  /// frame, and the pixels': it is told by differences of neighbours, but is that of smooth shading
+  /// too.
   double columns_taken() const {
-    const double all = pixels.taken();
-    const bool agree = std::abs(columns.value - all) < 4 * columns.stderr_value,
-               better = columns.present() && columns.stderr_value < pixels.stderr_value;
-    return agree && !better ? all : columns.taken();
+    const double all = pixels.taken(), own = columns.taken();
+    const bool agree = std::abs(columns.value - all) < 4 * columns.stderr_value;
+    if (!agree) return own;
+    return columns.present() ? std::clamp(own, std::min(all, 1.0), std::max(all, 1.0)) : all;
   }
   /// For the record: the pixels' where it counts.
   double taken() const { return pixels.present() ? pixels.taken() : columns_taken(); }
