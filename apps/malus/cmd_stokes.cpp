@@ -59,13 +59,18 @@ struct ProductNames {
   std::vector<fs::path> stale;          // to be removed as the results are replaced
 };
 
+std::vector<fs::path> read_besides(const StokesArguments& arguments) {
+  std::vector<fs::path> read = arguments.raw.files_read();
+  read.insert(read.end(), arguments.variance.begin(), arguments.variance.end());
+  read.push_back(arguments.model);
+  return read;
+}
+
 // What an earlier run may have left beside an input's results and this one does not write: it would
 // look like a part of them.
 std::vector<fs::path> stale_products(const StokesArguments& arguments, const fs::path& input) {
-  std::vector<fs::path> stale, read = arguments.raw.files_read();
+  std::vector<fs::path> stale, read = read_besides(arguments);
   read.insert(read.end(), arguments.inputs.begin(), arguments.inputs.end());
-  read.insert(read.end(), arguments.variance.begin(), arguments.variance.end());
-  read.push_back(arguments.model);
   const auto add = [&](const char* product, const std::string& format) {
     stale.push_back(arguments.folder / fmt::format("{}_{}.{}", stem_of(input), product, format));
   };
@@ -79,9 +84,7 @@ std::vector<fs::path> stale_products(const StokesArguments& arguments, const fs:
 }
 
 std::vector<ProductNames> plan_product_files(const StokesArguments& arguments, bool force) {
-  std::vector<fs::path> besides = arguments.raw.files_read();
-  besides.insert(besides.end(), arguments.variance.begin(), arguments.variance.end());
-  besides.push_back(arguments.model);
+  const std::vector<fs::path> besides = read_besides(arguments);
   const auto named = [&](const std::string& suffix) {
     return output_names(arguments.inputs, arguments.folder, suffix, besides);
   };

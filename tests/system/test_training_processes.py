@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from conftest import PROGRAM, needs_networks
-from training_files import CONFIG, config, same, tensors  # noqa: F401 (a fixture)
+from training_files import CONFIG, SMALL_NETWORK, config, same, tensors  # noqa: F401 (a fixture)
 
 pytestmark = [pytest.mark.slow, pytest.mark.alone, needs_networks]
 
@@ -141,14 +141,7 @@ def test_two_workers_have_the_gradients_of_one_with_the_whole_batch(malus, confi
     same_gradients(tmp_path / "one", tmp_path / "two")
 
 
-PAIRS = """
-[network]
-architecture = "unet"
-width = 4
-levels = 2
-[package]
-layout = "polar-mono"
-[data]
+PAIRS = SMALL_NETWORK + """[data]
 pairs = ["pairs.json"]
 example = 64
 patch = 64

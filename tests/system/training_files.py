@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-CONFIG = """
+SMALL_NETWORK = """
 [network]
 architecture = "unet"
 width = 4
 levels = 2
 [package]
 layout = "polar-mono"
-noise_input = "units"
+"""
+CONFIG = SMALL_NETWORK + """noise_input = "units"
 [data]
 scenes = ["scene"]
 example = 64
