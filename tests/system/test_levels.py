@@ -361,8 +361,8 @@ def test_a_reference_of_codes_beside_floats_is_told(malus, tmp_path):
 
 
 def test_endings_that_cannot_hold_the_results_are_refused_before_the_work(refused, tmp_path):
-    np.save(tmp_path / "clean.npy", np.full((64, 64), 300, np.float32))
-    np.save(tmp_path / "raw.npy", np.full((64, 64), 300, np.uint16))
+    for name in ("clean", "raw"):  # nothing could be made of them: this would be said first
+        np.save(tmp_path / f"{name}.npy", np.full((64, 64), np.nan, np.float32))
     model = ["--model", "imx250mzr-simulated", "-o", tmp_path / "out"]
     for command in (["synthesize", tmp_path / "clean.npy", "--gain", 12], ["renoise", tmp_path / "raw.npy", "--from", 6, "--to", 12]):
         assert "no floating-point values" in refused(*command, *model, "--float", "--format", "png")

@@ -296,7 +296,7 @@ def test_warnings_of_an_evaluation_stand_in_its_page(malus, tmp_path):
     malus("report", tmp_path / "e.json", "-o", tmp_path / "later.html")
     for name in ("now", "later"):
         assert warnings_of(page_data(tmp_path / f"{name}.html")) == said(run)
-        assert "clean.npy" in json.dumps(page_data(tmp_path / f"{name}.html"))
+    assert page_data(tmp_path / "now.html")["subtitle"].endswith("clean.npy")
 
 
 def test_a_page_made_later_has_the_confidence_maps(malus, tmp_path):

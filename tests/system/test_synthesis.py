@@ -225,7 +225,10 @@ def test_pairs_name_references_that_white_cuts_off_and_shorts_that_are_longer(ma
     malus("calibrate", tmp_path / "camera.toml", "-o", tmp_path / "m.h5")
     session.write_text(text.replace("white = 4095", f"white = {white}").replace("black = 64", "black = 0"))
     of_model = malus("pairs", session, "-o", tmp_path / "of_model", "--model", tmp_path / "m.h5", "--ratio", 10, "--json")
-    assert of_model.json["pairs"][0]["reference_clipped_share"] == pytest.approx(0.25, abs=0.06)
+    (pair,) = of_model.json["pairs"]
+    assert pair["reference_clipped_share"] == pytest.approx(0.25, abs=0.06)
+    told = malus("info", tmp_path / "of_model" / pair["reference"], "--json").json
+    assert told["white"] == pytest.approx(white - 64, abs=1)
     session.write_text(text.replace("exposure_s = 0.001", "exposure_s = 0.02"))
     assert "short frames of 0.02 s, longer than their reference of 0.01 s" in refused("pairs", session, "-o", tmp_path / "swapped")
 
