@@ -72,8 +72,11 @@ ProfileChoice choose_profile(const RawFrame& frame, const std::optional<NoiseMod
   }
   PictureNoise noise = require_estimate(
       frame, "give a noise model with --model (malus model list names the built-in ones)");
-  warn(fmt::format("{}: {}; {}a calibrated model (--model) is better", frame.source, noise.trust,
-                   arguments.raw.has_dark() ? "" : "--dark with a frame of the capped lens, or "));
+  warn(fmt::format("{}: {}", frame.source, noise.trust));
+  warn_of(
+      frame.source,
+      fmt::format("{}; {}a calibrated model (--model) is better", kPictureNoiseLimits,
+                  arguments.raw.has_dark() ? "" : "--dark with a frame of the capped lens, or "));
   return {std::move(noise.profile), std::move(noise.trust)};
 }
 

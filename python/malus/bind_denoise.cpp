@@ -56,6 +56,7 @@ NoiseProfile profile_of_frame(const RawFrame& frame, const ToldOfNoise& told,
   if (!told.model) {
     PictureNoise picture = require_estimate(frame, "give model=");
     add(picture.trust);
+    add(std::string(kPictureNoiseLimits) + "; a calibrated model (model=) is better");
     return std::move(picture.profile);
   }
   const NoiseModel& model = told.model->description();

@@ -275,6 +275,8 @@ def test_warnings_of_a_denoise_run_stand_in_its_page_and_in_its_record(malus, se
         for words in ("black level not known", "white level not known", "are saturated", "a calibrated model (--model) is better"):
             assert sum(words in warning for warning in frame["warnings"]) == 1, (words, frame["warnings"])
         assert all(f"{name}.npy" in warning for warning in frame["warnings"])
+    advice = [line for line in run.err.splitlines() if "a calibrated model (--model) is better" in line]
+    assert len(advice) == 2 and advice[1].startswith("warning: also of 1 more file: ")
     now = page_data(tmp_path / "now.html")
     for i, frame in enumerate(run.json["frames"]):
         shown = [item["text"] for block in now["sections"][i]["blocks"] if block["kind"] == "notices" for item in block["items"]]

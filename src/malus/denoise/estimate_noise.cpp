@@ -142,8 +142,7 @@ double mean_signal(const std::vector<Block>& blocks) {
 std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
   return fmt::format(
       "noise estimated from the picture itself: deviation {:.2f} DN at its mean signal, ±{:.0f} % "
-      "by sampling, from {:.0f} % of the picture and {} levels of brightness; texture can make it "
-      "too high, earlier smoothing too low, and what dark pixels have above black counts as light",
+      "by sampling, from {:.0f} % of the picture and {} levels of brightness",
       deviation_dn, std::max(100 * noise.relative_error, 1.0), 100 * noise.smooth_share,
       noise.levels);
 }
@@ -302,9 +301,8 @@ Estimate<PictureNoise> noise_of_light(const RawFrame& frame, TextureSearch searc
   const double left_out = 1 - std::pow(deviation_dn / seeming_dn, 2);
   if (std::min(left_out, noise.texture_share) > kMuchTexture)
     noise.trust += fmt::format(
-        "; {:.0f} % of what looked like noise can be told from neighbouring pixels, which noise "
-        "never can: it is texture and was left out; texture as fine as the pixels was not, so the "
-        "result may be blurred and too bright",
+        "; {:.0f} % of what looked like noise can be told from neighbouring pixels: it is texture "
+        "and was left out; finer texture was not, so the result may be blurred and too bright",
         100 * left_out);
   return noise;
 }

@@ -25,6 +25,11 @@ namespace malus {
 inline constexpr int kNoiseBlock = 8;         ///< pixels of a channel per side of a block
 inline constexpr int kLeastNoiseBlocks = 64;  ///< per channel
 
+/// What no estimate from one picture can tell, for those who are told of one.
+inline constexpr std::string_view kPictureNoiseLimits =
+    "noise estimated from a picture is too high where texture is as fine as the pixels and too low "
+    "where the picture was smoothed, and what dark pixels have above black counts as light";
+
 struct PictureNoise {
   NoiseProfile profile;       ///< estimated_from_picture is set
   double relative_error = 0;  ///< of the deviation at the mean signal, one standard error
