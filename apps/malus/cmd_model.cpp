@@ -30,7 +30,10 @@ void show_model(const Common& common, const ShowArguments& arguments) {
     throw CLI::ValidationError("--extrapolate-gain", "needs --gain or --iso");
   NoiseModel model = load_model(arguments.model);
   warn_of_untold_gain(model, arguments.model, {gain});
-  if (gain.decibel()) model = model_at_gain(model, gain, gain_range(arguments.extrapolate));
+  if (gain.decibel())
+    model = naming_model(arguments.model, [&] {
+      return model_at_gain(model, gain, gain_range(arguments.extrapolate));
+    });
   print_result(common, model_json(model), model_text(model));
 }
 

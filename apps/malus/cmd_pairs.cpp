@@ -50,6 +50,7 @@ struct PairJob {
   const Session& session;
   const std::optional<NoiseModel>& model;
   Progress& progress;
+  std::vector<fs::path>& written;  ///< pictures, of no use without the list that comes last
 };
 
 std::string scene_name(const std::optional<int>& label) {
@@ -241,6 +242,7 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   save.type = SampleType::kFloat;
   // The list goes first: wherever this run is stopped, no list speaks for frames of another.
   if (save.force) fs::remove(list_of_pairs(job.arguments.folder));
+  job.written.insert(job.written.end(), {files.reference, files.noisy});
   save_frame(files.reference, clean, save);
   save_short(files.noisy, load_session_frame(job.session, group, chosen), save);
   Json entry{
@@ -254,11 +256,31 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
        clipped_share(reference.dn, white_above_black(reference.white_dn, reference.black_dn))},
       {"candidates", intensities},
       {"deviation", nearest.deviation},
-      {"flicker", nearest.flicker},
+      {"flicker", nearest.flicker ? Json(*nearest.flicker) : Json()},
       {"bias_removed", job.model.has_value()},
       {"reference_gain", gain_json(reference.gain)}};
   entry.update(gain_json(group.gain));
   return entry;
+}
+
+// Every pair of every scene, to its files, to the list and to what is said.
+void write_scenes(const PairJob& job, const std::map<std::optional<int>, Scene>& scenes,
+                  Json& pairs, std::string& text) {
+  for (const auto& [label, scene] : scenes) {
+    const RawFrame reference = reference_of(job, *scene.reference);
+    for (std::size_t k = 0; k < scene.shorts.size(); ++k) {
+      const std::string name = pair_name(label, k);
+      pairs.push_back(write_pair(job, name, reference, *scene.reference, *scene.shorts[k]));
+      const Json& last = pairs.back();
+      warn_of_pair(last);
+      text += fmt::format("{}: ratio {:g}, {} candidates, light {:+.2f} % off, flicker {}\n", name,
+                          last["ratio"].get<double>(), last["candidates"].size(),
+                          100 * last["deviation"].get<double>(),
+                          last["flicker"].is_null()
+                              ? "unknown"
+                              : fmt::format("{:.2f} %", 100 * last["flicker"].get<double>()));
+    }
+  }
 }
 
 void run_pairs(const PairsArguments& arguments, const Common& common) {
@@ -277,24 +299,20 @@ void run_pairs(const PairsArguments& arguments, const Common& common) {
   }
   const auto progress = make_progress(common);
   progress->begin("pairs", steps);
-  const PairJob job{arguments, common, session, model, *progress};
+  std::vector<fs::path> written;
+  const PairJob job{arguments, common, session, model, *progress, written};
   Json pairs = Json::array();
   std::string text;
-  for (const auto& [label, scene] : scenes) {
-    const RawFrame reference = reference_of(job, *scene.reference);
-    for (std::size_t k = 0; k < scene.shorts.size(); ++k) {
-      const std::string name = pair_name(label, k);
-      pairs.push_back(write_pair(job, name, reference, *scene.reference, *scene.shorts[k]));
-      const Json& last = pairs.back();
-      warn_of_pair(last);
-      text +=
-          fmt::format("{}: ratio {:g}, {} candidates, light {:+.2f} % off, flicker {:.2f} %\n",
-                      name, last["ratio"].get<double>(), last["candidates"].size(),
-                      100 * last["deviation"].get<double>(), 100 * last["flicker"].get<double>());
-    }
+  Json result;
+  try {
+    write_scenes(job, scenes, pairs, text);
+    result = {{"session", arguments.session.string()}, {"pairs", pairs}};
+    write_file(list_of_pairs(arguments.folder), json_utf8(result, 2) + "\n", common.force);
+  } catch (...) {
+    std::error_code ignored;
+    for (const fs::path& path : written) fs::remove(path, ignored);
+    throw;
   }
-  const Json result{{"session", arguments.session.string()}, {"pairs", pairs}};
-  write_file(list_of_pairs(arguments.folder), json_utf8(result, 2) + "\n", common.force);
   print_result(common, result, text);
 }
 

@@ -122,8 +122,10 @@ struct FrameSource {
 
 FrameSource calibrated_source(const SynthesizeArguments& arguments,
                               const std::optional<GainSetting>& gain) {
-  const auto synthesizer =
-      std::make_shared<const Synthesizer>(load_model(arguments.model), arguments.settings);
+  NoiseModel loaded = load_model(arguments.model);
+  const auto synthesizer = naming_model(arguments.model, [&] {
+    return std::make_shared<const Synthesizer>(std::move(loaded), arguments.settings);
+  });
   const auto coverage = std::make_shared<LevelCoverage>();
   const NoiseModel& model = synthesizer->model();
   if (gain) warn_of_untold_gain(model, arguments.model, {*gain});

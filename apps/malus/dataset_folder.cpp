@@ -103,7 +103,8 @@ void prepare_dataset_folder(const fs::path& folder, const Json& description, boo
   const std::optional<std::string> found = whole_text(path);
   // It is written when no shard of another set is left, so there is none.
   if (found == text) return;
-  if (!force && found)
+  // Without a shard it is of a run that failed before its first one: nothing is lost with it.
+  if (!force && found && !shards.empty())
     throw InputError(path.string(), "belongs to a data set with other settings or inputs", kRemedy);
   // dataset.json goes first: whenever this run is killed, it speaks for no shard but its own.
   if (force) fs::remove(path);

@@ -4,6 +4,7 @@
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/image/frame_mean.h"
+#include "malus/image/pack.h"
 #include "malus/neural/noise_flow_file.h"
 #include "malus/noise/model.h"
 
@@ -53,9 +54,10 @@ NoiseFrames frames_of(const std::vector<fs::path>& paths, const FrameOptions& op
   const auto left_out = std::make_shared<LeftOut>(LeftOut{paths.size(), {}, {}});
   return {static_cast<int>(paths.size()), [paths, options, left_out](int k) {
             const fs::path& path = paths[static_cast<std::size_t>(k)];
-            Image dn = load_above_black(path, options).dn;
-            left_out->take(k, dn, path.string());
-            return dn;
+            RawFrame frame = load_above_black(path, options);
+            require_whole_cell(frame.dn, frame.layout, path.string());
+            left_out->take(k, frame.dn, path.string());
+            return std::move(frame.dn);
           }};
 }
 

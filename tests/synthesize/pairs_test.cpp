@@ -57,7 +57,10 @@ TEST(NearestFrame, FindsTheLeastFlickeringOne) {
   const NearestFrame nearest = nearest_frame(intensities, 10);
   EXPECT_EQ(nearest.index, 2u);
   EXPECT_NEAR(nearest.deviation, 0.01, 0.005);
-  EXPECT_NEAR(nearest.flicker, 0.13, 0.01);
+  ASSERT_TRUE(nearest.flicker);
+  EXPECT_NEAR(*nearest.flicker, 0.13, 0.01);
+  EXPECT_FALSE(nearest_frame({0.0, 0.0}, 10).flicker);
+  EXPECT_FALSE(nearest_frame({-0.2, 0.1}, 10).flicker);
 }
 
 TEST(RelativeIntensity, LeavesOutWhatIsSaturatedAndSaysWhenNothingIsLeft) {

@@ -115,6 +115,9 @@ BeyondLevels beyond_levels(const RawFrame& frame) {
       ++pixels;
     }
   if (pixels == 0) return {};
+  // Of a range that nobody tells nothing is far away where no pixel is above black.
+  const double highest_black_dn = *std::ranges::max_element(frame.black_dn);
+  if (white_is_guessed(frame) && largest <= highest_black_dn) return {0, 0, largest};
   return {above > kHotPixels * pixels ? above / pixels : 0, below / pixels, largest};
 }
 

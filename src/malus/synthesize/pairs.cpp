@@ -142,7 +142,8 @@ NearestFrame nearest_frame(const std::vector<double>& intensities, double ratio)
     }
   }
   const auto [low, high] = std::minmax_element(intensities.begin(), intensities.end());
-  nearest.flicker = (*high - *low) / (sum / static_cast<double>(intensities.size()));
+  const double mean = sum / static_cast<double>(intensities.size());
+  if (mean > 0) nearest.flicker = (*high - *low) / mean;
   return nearest;
 }
 

@@ -71,7 +71,8 @@ double gain_ratio(const GainSetting& one, const GainSetting& other);
 struct NearestFrame {
   std::size_t index = 0;
   double deviation = 0;  ///< intensity * ratio - 1 of the chosen frame
-  double flicker = 0;    ///< (largest - smallest) / mean of the candidates' intensities
+  /// (largest - smallest) / mean of the candidates' intensities; none where they hold no light.
+  std::optional<double> flicker;
 };
 
 /// The candidate whose intensity is nearest to 1/ratio. Contract: candidates not empty, ratio > 0.

@@ -109,8 +109,8 @@ void require_kind(const NoiseModel& model, SynthesisKind kind) {
   const std::string_view needed = model_kind_name(drawn_from(kind));
   if (!std::ranges::count(model.kinds(), drawn_from(kind)))
     throw InputError(model.name(), fmt::format("holds no {} model", needed),
-                     fmt::format("calibrate with {}, or give another {}", setting("kinds", needed),
-                                 setting("kind")));
+                     fmt::format("calibrate with {}, or use one of: {}", setting("kinds", needed),
+                                 joined(model_kind_names(model.kinds()))));
 }
 
 // What would change nothing is refused: whoever sets it expects something else of the kind.
