@@ -6,7 +6,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <numeric>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -141,6 +143,37 @@ TEST(WithoutRowNoise, WhatRowsWidenedFiveTimesIsNarrowAgain) {
   EXPECT_NEAR(hot, kHotShare, 0.01 * kHotShare);
   EXPECT_NEAR(mean, 0, 0.01);
   EXPECT_NEAR(std::sqrt(square / total - mean * mean + width * width / 12), kPixel, 0.03);
+}
+
+// Half of the noise is below the lowest code, and rows bring it up and down: a deconvolution of
+// what shows moved a fifth of that code's pixels to the next ones.
+TEST(WithoutRowNoise, TheLowestCodeOfNoiseThatIsCutOffStaysAsProbable) {
+  constexpr int kReach = 60;
+  for (const auto& [pixel, row] : {std::pair{8.0, 1.0}, {8.0, 4.0}, {2.0, 1.0}}) {
+    const double all = std::hypot(pixel, row);
+    const auto below = [](double code, double deviation) {
+      return normal_cdf((code + 0.5) / deviation);
+    };
+    std::vector<double> observed{below(0, all)};
+    for (int k = 1; k <= kReach; ++k) observed.push_back(below(k, all) - below(k - 1, all));
+    const DarkDensity found = without_row_noise(observed, 1.0, row, true);
+    EXPECT_EQ(found.codes_below, static_cast<std::size_t>(std::ceil(5 * row)));
+    std::vector<double> again(observed.size(), 0.0);
+    double mean_above = 0;
+    for (std::size_t i = 0; i < found.probability.size(); ++i) {
+      const double at = (static_cast<double>(i) + 0.5) / found.parts - 0.5 -
+                        static_cast<double>(found.codes_below);
+      again[0] += found.probability[i] * below(-at, row);
+      for (int k = 1; k <= kReach; ++k)
+        again[static_cast<std::size_t>(k)] +=
+            found.probability[i] * (below(k - at, row) - below(k - 1 - at, row));
+      if (at > 0) mean_above += found.probability[i] * at;
+    }
+    for (std::size_t k = 0; k < observed.size(); ++k)
+      EXPECT_NEAR(again[k], observed[k], 1e-3) << pixel << " " << row << " " << k;
+    // E max(x, 0) of the pixels alone.
+    EXPECT_NEAR(mean_above / (pixel / std::sqrt(2 * std::numbers::pi)), 1.0, 0.01) << row;
+  }
 }
 
 LevelHistograms with_noise(int samples, double step_dn) {

@@ -209,18 +209,19 @@ void warn_of_noise_as_it_shows(NoiseModel& model, Progress& progress) {
   for (const PhysicsCalibration& physics : model.physics) {
     const std::vector<double>& zeros = physics.dark_zero_share;
     if (!std::ranges::any_of(zeros, [](double share) { return share > kMostDarkZeros; })) continue;
-    const auto text = [](const char* what, const char* where) {
+    const auto text = [](const char* what, const char* where, const char* but) {
       return fmt::format(
           "the camera cuts the dark noise off, and {} hold it as it shows: {} light they are drawn "
-          "too bright and too weak; raise the black level, or draw of a physics model",
-          what, where);
+          "too bright and too weak{}; raise the black level, or draw of a physics model",
+          what, where, but);
     };
     for (NonparametricCalibration& distributions : model.nonparametric)
       if (distributions.gain == physics.gain)
-        distributions.warnings.push_back(text("the distributions", "at dim"));
+        distributions.warnings.push_back(
+            text("the distributions", "at dim", ", less so the wider row noise is"));
     for (const DarkFrameBank& bank : model.dark_frames) {
       if (bank.gain != physics.gain) continue;
-      model.warnings.push_back(gain_prefix(bank.gain) + text("dark frames", "in"));
+      model.warnings.push_back(gain_prefix(bank.gain) + text("dark frames", "in", ""));
       progress.warn(model.warnings.back());
     }
   }

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/index.h"
 #include "malus/base/normal_distribution.h"
+#include "malus/base/random.h"
 #include "malus/noise/code_density.h"
 
 #include <algorithm>
@@ -83,11 +84,35 @@ std::vector<double> smooth_within_codes(const std::vector<double>& codes, int pa
   return out;
 }
 
-// What the parts of a code, plus normal row noise of s codes, give to each code when rounded.
+// The lowest code, which stands for all that is below it, shared out among it and `below` codes
+// before it: as a normal law goes on that has the next code's width, the rest in the last.
+std::vector<double> open_below(const std::vector<double>& observed, std::size_t below) {
+  if (below == 0 || observed.size() < 2) return observed;
+  static constexpr double kLeast = 1e-12;
+  const auto quantile = [](double p) {
+    return normal_quantile(std::clamp(p, kLeast, 1.0 - kLeast));
+  };
+  const double end = quantile(observed[0]), width = quantile(observed[0] + observed[1]) - end;
+  std::vector<double> out(below, 0.0);
+  out.insert(out.end(), observed.begin(), observed.end());
+  double left = observed[0];
+  for (std::size_t i = 0; i < below; ++i) {
+    const double next = std::min(normal_cdf(end - static_cast<double>(i + 1) * width), left);
+    out[below - i] = left - next;
+    left = next;
+  }
+  out[0] = left;
+  return out;
+}
+
+// What the parts of a code, plus normal row noise of s codes, give to each code when rounded. Of
+// codes before `lowest`, all to this one.
 class RowBlur {
  public:
-  RowBlur(double s, int parts)
-      : parts_(parts), reach_(static_cast<std::ptrdiff_t>(std::ceil(6.0 * s)) + 1) {
+  RowBlur(double s, int parts, std::size_t lowest)
+      : parts_(parts),
+        reach_(static_cast<std::ptrdiff_t>(std::ceil(6.0 * s)) + 1),
+        lowest_(static_cast<std::ptrdiff_t>(lowest)) {
     // A uniform part from a to b: difference of the integral of the normal distribution.
     const auto integral = [s](double x) { return s * mean_above_zero(x / s); };
     for (std::ptrdiff_t away = -reach_; away <= reach_; ++away)
@@ -118,14 +143,15 @@ class RowBlur {
   template <class Use>
   void visit(std::ptrdiff_t n, const Use& use) const {
     for (std::ptrdiff_t from = 0; from < n; ++from)
-      for (std::ptrdiff_t to = std::max<std::ptrdiff_t>(from - reach_, 0);
+      for (std::ptrdiff_t to = lowest_ > 0 ? from - reach_
+                                           : std::max<std::ptrdiff_t>(from - reach_, 0);
            to <= std::min(from + reach_, n - 1); ++to)
         for (int j = 0; j < parts_; ++j)
-          use(as_index(to), as_index(from * parts_ + j),
+          use(as_index(std::max(to, lowest_)), as_index(from * parts_ + j),
               kernel_[as_index((to - from + reach_) * parts_ + j)]);
   }
   int parts_;
-  std::ptrdiff_t reach_;
+  std::ptrdiff_t reach_, lowest_;
   std::vector<double> kernel_;  // [code - the part's own + reach][part]
 };
 
@@ -178,8 +204,9 @@ std::vector<double> noise_bin_edges(double smallest_sd_dn, double largest_sd_dn,
 }
 
 DarkDensity without_row_noise(const std::vector<double>& counts, double step_dn,
-                              double sigma_row_dn) {
+                              double sigma_row_dn, bool is_cut_off) {
   constexpr int kIterations = 200;
+  constexpr double kReachedRows = 5.0;
   std::vector<double> observed = counts;
   double total = 0.0;
   for (const double c : counts) total += c;
@@ -187,8 +214,13 @@ DarkDensity without_row_noise(const std::vector<double>& counts, double step_dn,
   const double s = sigma_row_dn / step_dn;
   const int parts = parts_of_code(core_moments(observed).variance);
   if (s < 1e-3) return {smooth_within_codes(observed, parts), parts};
-  const RowBlur blur(s, parts);
-  DarkDensity out{smooth_within_codes(start_without_rows(observed, s), parts), parts};
+  // Where rows lift pixels above the cut, too.
+  const auto below = is_cut_off ? static_cast<std::size_t>(std::ceil(kReachedRows * s)) : 0;
+  const std::vector<double> opened = open_below(observed, below);
+  observed.insert(observed.begin(), opened.size() - observed.size(), 0.0);
+  const RowBlur blur(s, parts, opened.size() - counts.size());
+  DarkDensity out{smooth_within_codes(start_without_rows(opened, s), parts), parts,
+                  opened.size() - counts.size()};
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     std::vector<double> ratio = blur.codes_of(out.probability);
     for (std::size_t i = 0; i < ratio.size(); ++i)

@@ -3,6 +3,7 @@
 
 #include "malus/noise/calibration.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <utility>
@@ -29,14 +30,17 @@ std::vector<double> noise_bin_edges(double smallest_sd_dn, double largest_sd_dn,
 struct DarkDensity {
   std::vector<double> probability;  ///< `parts` of one code after those of the code before
   int parts = 1;                    ///< of a code: more where the noise is narrow against it
+  std::size_t codes_below = 0;      ///< before the first that was counted
 };
 /// The distribution that, plus row noise, rounded, gives the observed one: exactly so where there
 /// is no row noise, else by Richardson, JOSA 62, 1972, and Lucy, Astron. J. 79, 1974. Smooth inside
 /// the codes: at the codes' boundaries the cumulative one is known, and between them its normal
 /// quantile is taken for a line, as it is of normal noise. counts: one per code, neighbours
-/// adjacent; the result adds to one.
+/// adjacent; the result adds to one. is_cut_off: the first code stands for all that is below it.
+/// Then the result goes on below, as far as row noise brings anything up from there, and gives the
+/// observed one when all that ends below the first code is counted in it.
 DarkDensity without_row_noise(const std::vector<double>& counts, double step_dn,
-                              double sigma_row_dn);
+                              double sigma_row_dn, bool is_cut_off = false);
 
 /// Moments of the noise at one level, of its own samples alone.
 struct LevelNoise {

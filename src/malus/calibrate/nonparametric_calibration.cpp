@@ -84,14 +84,18 @@ std::vector<LevelHistograms> make_histograms(const RawFrame& first,
 
 // The dark level: what lies behind the codes, row noise taken out by deconvolution.
 void add_dark_codes(const DarkCodes& dark, const std::vector<double>& black_dn,
-                    const std::vector<double>& sigma_row_dn, double step_dn,
+                    const PhysicsCalibration& physics, double step_dn,
                     std::vector<LevelHistograms>& histograms) {
+  const std::vector<double>& at_floor = physics.dark_zero_share;  // the lowest code that occurs
   for (std::size_t c = 0; c < histograms.size(); ++c) {
     std::int64_t first_code = 0;
     const std::vector<double> counts = dark.occurred(static_cast<int>(c), first_code);
-    const DarkDensity density = without_row_noise(counts, step_dn, sigma_row_dn[c]);
+    const bool is_cut_off = c < at_floor.size() && at_floor[c] > kMostSilentZeros;
+    const DarkDensity density =
+        without_row_noise(counts, step_dn, physics.sigma_row.mean[c], is_cut_off);
     CodeGrid places = dark.grid(black_dn[c]);
-    places.offset_dn += static_cast<double>(first_code) * step_dn - 0.5 * step_dn;
+    const double below = static_cast<double>(density.codes_below);
+    places.offset_dn += (static_cast<double>(first_code) - below) * step_dn - 0.5 * step_dn;
     places.step_dn = step_dn / density.parts;
     places.offset_dn += 0.5 * places.step_dn;
     histograms[c].set_dark(
@@ -283,7 +287,7 @@ class GainLevels {
       throw InputError(out.gain.text(), "has no set of two frames or more of one scene",
                        "noise is told from the scene by repeating the frame");
     if (codes_.frames() > 0)
-      add_dark_codes(codes_, format_.black_dn, physics_->sigma_row.mean, step_dn_, histograms_);
+      add_dark_codes(codes_, format_.black_dn, *physics_, step_dn_, histograms_);
     finish_channels(histograms_, format_, settings_, out);
     shape_frames_.warn(out);
     for (const LevelHistograms& channel : histograms_) measured.noise.push_back(channel.noise());
