@@ -134,5 +134,54 @@ TEST(NeighbourCorrelation, OfCoupledPixelsIsToldWithWhatItTakesOffK) {
   EXPECT_EQ(told(coupled, dim), "");
 }
 
+// Eight frames of white noise, whose rows have offsets of 1 DN: of their own in each half, along
+// all of the row, or growing along it.
+enum class RowOffsets { kHalves, kWhole, kGrowing };
+NeighbourCorrelation of_rows(const MosaicGeometry& geometry, RowOffsets offsets) {
+  NeighbourCorrelation sums(geometry);
+  FramePairs pairs(sums, {}, 4);
+  for (std::uint64_t i = 0; i < 8; ++i) {
+    Image frame = noisy_frame(geometry.rows(), i, 0, 0);
+    for (int r = 0; r < frame.rows(); ++r)
+      for (int c = 0; c < frame.cols(); ++c) {
+        const bool right = 2 * c >= frame.cols();
+        const double weight = offsets == RowOffsets::kGrowing ? 3.5 * c / frame.cols() - 1.75 : 1;
+        frame(r, c) += static_cast<float>(
+            weight * testing::internal::normal_at(
+                         i,
+                         static_cast<std::uint64_t>(r) << 1 |
+                             static_cast<std::uint64_t>(offsets == RowOffsets::kHalves && right),
+                         9));
+      }
+    pairs.add(frame);
+  }
+  return sums;
+}
+
+// Two outputs: half of their variance is that of the row, and half of 1.5 DN² of the rest shared.
+TEST(NeighbourCorrelation, HalvesOfRowsWithNoiseOfTheirOwnAreTold) {
+  for (const char* layout : {"mono", "polar-mono"}) {
+    const MosaicGeometry geometry(SensorLayout::named(layout), 96, 96, 1);
+    const NeighbourCorrelation halves = of_rows(geometry, RowOffsets::kHalves);
+    EXPECT_NEAR(halves.shared_by_halves(), 1.0 / 3, 0.06) << layout;
+    for (const NeighbourLikeness& one : halves.likeness())
+      EXPECT_NEAR(one.correlation, 0, 0.05) << layout << one.where;
+    PhysicsCalibration p;
+    p.temporal_sd_dark_dn = {std::sqrt(2.0)};
+    p.sigma_row.mean = {std::sqrt(0.5)};
+    warn_of_alike_neighbours(halves, NeighbourCorrelation(geometry), p);
+    ASSERT_EQ(p.warnings.size(), 1u);
+    EXPECT_NE(p.warnings[0].find("two outputs"), std::string::npos) << p.warnings[0];
+    EXPECT_NE(p.warnings[0].find("0.7"), std::string::npos) << p.warnings[0];
+    for (const RowOffsets other : {RowOffsets::kWhole, RowOffsets::kGrowing})
+      EXPECT_EQ(of_rows(geometry, other).shared_by_halves(), 0) << layout;
+    const NeighbourCorrelation smoothed =
+        of_filtered(geometry, 2, [](const Image& sharp, int r, int c) {
+          return 0.25F * (sharp(r, c - 2) + sharp(r, c - 1) + sharp(r, c) + sharp(r, c + 1));
+        });
+    EXPECT_EQ(smoothed.shared_by_halves(), 0) << layout;
+  }
+}
+
 }  // namespace
 }  // namespace malus

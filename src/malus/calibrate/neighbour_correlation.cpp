@@ -1,9 +1,11 @@
 #include "malus/calibrate/internal/neighbour_correlation.h"
 
 #include "malus/base/index.h"
+#include "malus/base/statistics.h"
 #include "malus/image/window.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -92,6 +94,7 @@ void NeighbourCorrelation::add(View<const float> first, View<const float> second
                                const std::vector<double>& dark_dn) {
   Image noise = difference(first, second, dark_dn);
   whiten_lines(geometry_, noise);
+  for (int r = 0; r < noise.rows(); ++r) quarters_.add(noise.view().row_span(r));
   for (Lag& lag : lags_)
     for (int r = 0; r + lag.down < noise.rows(); ++r)
       for (int c = 0; c + lag.right < noise.cols(); ++c) {
@@ -105,6 +108,7 @@ void NeighbourCorrelation::add(View<const float> first, View<const float> second
 
 void NeighbourCorrelation::merge(const NeighbourCorrelation& other) {
   dark_ += other.dark_;
+  quarters_.add(other.quarters_);
   for (std::size_t i = 0; i < lags_.size(); ++i) {
     lags_[i].products += other.lags_[i].products;
     lags_[i].squares += other.lags_[i].squares;
@@ -116,9 +120,47 @@ std::vector<NeighbourLikeness> NeighbourCorrelation::likeness() const {
   std::vector<NeighbourLikeness> out;
   for (const Lag& lag : lags_) {
     const double count = std::max(lag.count, 1.0);
-    out.push_back({lag.where, lag.products / count, std::sqrt(lag.squares) / count});
+    const double of_halves = lag.down == 0 ? shared_by_halves() : 0;
+    out.push_back({lag.where, lag.products / count - of_halves, std::sqrt(lag.squares) / count});
   }
   return out;
+}
+
+void NeighbourCorrelation::Quarters::add(std::span<const float> row) {
+  std::array<double, 4> mean{};
+  const std::size_t width = row.size() / mean.size();
+  if (width == 0) return;
+  for (std::size_t q = 0; q < mean.size(); ++q)
+    for (std::size_t c = q * width; c < (q + 1) * width; ++c)
+      mean[q] += double{row[c]} / static_cast<double>(width);
+  const double in_halves = 0.5 * (mean[0] * mean[1] + mean[2] * mean[3]),
+               beside_middle = mean[1] * mean[2];
+  within += in_halves;
+  middle += beside_middle;
+  outer += mean[0] * mean[3];
+  squares += (in_halves - beside_middle) * (in_halves - beside_middle);
+  rows += 1;
+}
+
+void NeighbourCorrelation::Quarters::add(const Quarters& other) {
+  within += other.within;
+  middle += other.middle;
+  outer += other.outer;
+  squares += other.squares;
+  rows += other.rows;
+}
+
+// Offsets of +d and -d in the halves: products of d² within a half and -d² across, whatever lies
+// between. What is the same all along the row, as filters and hum are, makes no difference beside
+// the middle and elsewhere; what grows evenly along it makes outer quarters most unlike.
+double NeighbourCorrelation::shared_by_halves() const {
+  constexpr double kErrors = 8.0, kLeast = 1e-3, kMostOuter = 3.0;
+  const Quarters& q = quarters_;
+  if (!(q.rows > 0)) return 0;
+  const double shared = 0.5 * (q.within - q.middle) / q.rows,
+               error = 0.5 * std::sqrt(q.squares) / q.rows;
+  const bool is_step = q.middle < 0 && q.outer > kMostOuter * q.middle;
+  return is_step && shared > std::max(kLeast, kErrors * error) ? shared : 0;
 }
 
 void FramePairs::add(View<const float> dn) {
@@ -170,6 +212,19 @@ void warn_of_shared_light(const NeighbourCorrelation& dark, const NeighbourCorre
       most.where, most.correlation, most.standard_error, 100 * (1 - 1 / (1 + 2 * sum))));
 }
 
+void warn_of_halves(const NeighbourCorrelation& dark, PhysicsCalibration& out) {
+  const double shared = dark.shared_by_halves();
+  if (!(shared > 0)) return;
+  const double all = mean_of(out.temporal_sd_dark_dn), rows = mean_of(out.sigma_row.mean),
+               without_rows = std::sqrt(std::max(all * all - rows * rows, 0.0));
+  out.warnings.push_back(fmt::format(
+      "the left and the right half of each row have noise of their own, {:.2g} DN about the row's: "
+      "two outputs read them. The model has one offset for a whole row (of {:.2g} DN), and "
+      "denoising leaves the rest in; cut all frames into halves, and calibrate and denoise each as "
+      "a sensor of its own",
+      std::sqrt(shared) * without_rows, rows));
+}
+
 }  // namespace
 
 void warn_of_alike_neighbours(const NeighbourCorrelation& dark, const NeighbourCorrelation& flat,
@@ -187,6 +242,7 @@ void warn_of_alike_neighbours(const NeighbourCorrelation& dark, const NeighbourC
       most = std::move(one);
     }
   };
+  warn_of_halves(dark, out);
   judge("dark", dark, kLeastDark);
   judge("flat", flat, kLeastFlat);
   if (!frames)

@@ -7,6 +7,7 @@
 #include "malus/noise/calibration.h"
 
 #include <algorithm>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -33,8 +34,13 @@ class NeighbourCorrelation {
   double dark_share() const { return dark_ / std::max(lags_.front().count, 1.0); }
   /// Adds the sums of other frames of the same geometry.
   void merge(const NeighbourCorrelation& other);
-  /// Next pixels and next ones of the same channel, in rows and columns; without pairs all 0.
+  /// Next pixels and next ones of the same channel, in rows and columns; without pairs all 0. What
+  /// halves of rows share is no likeness either.
   std::vector<NeighbourLikeness> likeness() const;
+  /// Of the variance of a pixel without its row's, what all pixels of the same half of the row
+  /// share, and not those of the other half: a sensor whose halves are read out by an amplifier
+  /// each. 0 where that is not told from chance, and from what changes evenly along the row.
+  double shared_by_halves() const;
 
  private:
   struct Lag {
@@ -47,6 +53,13 @@ class NeighbourCorrelation {
   MosaicGeometry geometry_;
   std::vector<Lag> lags_;
   double dark_ = 0;  ///< dark share times pairs of pixels
+  /// Products of the means of a row's four quarters, summed over rows: within halves, of the two
+  /// beside the middle, of the two outer ones; squares of the difference of the first two.
+  struct Quarters {
+    double within = 0, middle = 0, outer = 0, squares = 0, rows = 0;
+    void add(std::span<const float> row);
+    void add(const Quarters& other);
+  } quarters_;
 };
 
 /// Pairs the frames of one set as they come, no more than `most` pairs; memory holds one frame.
@@ -64,13 +77,14 @@ class FramePairs {
   Image waiting_;
 };
 
-/// Appends a warning where neighbours correlate by more than 0.03 in flat frames or 0.1 in dark
-/// ones, and by five standard errors; the frames that show it most are named. Else where light
-/// makes next pixels of flat frames alike by more than 0.008 and five standard errors, with what
-/// that takes off K: the sum of a filter's correlations is what the variance lacks (Moore, Ninkov,
-/// Forrest, Opt. Eng. 45, 2006). Shot noise is white on every sensor, but a read-out amplifier's
-/// own noise need not be: -0.04 along the rows of the EMVA 1288 sample camera in the dark, -0.01 in
-/// its light. Reads K.
+/// Appends a warning where the halves of the rows of dark frames have noise of their own
+/// (shared_by_halves), and one where neighbours correlate by more than 0.03 in flat frames or 0.1
+/// in dark ones, and by five standard errors; the frames that show it most are named. Else where
+/// light makes next pixels of flat frames alike by more than 0.008 and five standard errors, with
+/// what that takes off K: the sum of a filter's correlations is what the variance lacks (Moore,
+/// Ninkov, Forrest, Opt. Eng. 45, 2006). Shot noise is white on every sensor, but a read-out
+/// amplifier's own noise need not be: -0.04 along the rows of the EMVA 1288 sample camera in the
+/// dark, -0.01 in its light. Reads K.
 void warn_of_alike_neighbours(const NeighbourCorrelation& dark, const NeighbourCorrelation& flat,
                               PhysicsCalibration& out);
 
