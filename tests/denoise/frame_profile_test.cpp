@@ -100,27 +100,30 @@ TEST(FrameProfile, RefusesAPlaceInTheFramesNameAndAGainInTheModels) {
 constexpr int kFrameSide = 256;
 constexpr double kPrnu = 0.02, kMapError = 0.01, kDsnuDn = 6;
 
-// PRNU and DSNU, and their maps with sampling error; the frame has `share` of the pattern.
+// PRNU and DSNU, and their maps with sampling error; the frame has `share` of the pattern, and of
+// dark shading along the rows.
 struct PatternedCamera {
   NoiseModel model;
   RawFrame frame;
 };
 
-PatternedCamera patterned_camera(double share) {
+PatternedCamera patterned_camera(double share, double shading_dn = 0, double dark_error_dn = 0) {
   PatternedCamera camera{mapped_model(), frame_of_size(kFrameSide, kFrameSide)};
   camera.model.defects.clear();
   PhysicsCalibration& p = camera.model.physics.front();
   p.dark_shading_dn = p.prnu_map = Image(kFrameSide, kFrameSide);
   p.prnu.assign(4, kPrnu);
-  p.dsnu_dn.assign(4, kDsnuDn);
+  p.dsnu_dn.assign(4, std::hypot(kDsnuDn, shading_dn / std::sqrt(2.0)));
   RandomSequence random(31, 0, Draw::kOther);
   for (int r = 0; r < kFrameSide; ++r)
     for (int c = 0; c < kFrameSide; ++c) {
-      const double response = kPrnu * random.normal(), dark = kDsnuDn * random.normal(),
+      const double response = kPrnu * random.normal(),
+                   dark = kDsnuDn * random.normal() + shading_dn * std::sin(c / 9.0),
                    light = 400 + 300 * std::sin(0.05 * r) * std::cos(0.03 * c),
                    own = light * (1 + share * response);
       p.prnu_map(r, c) = static_cast<float>(1 + response + kMapError * random.normal());
-      p.dark_shading_dn(r, c) = static_cast<float>(dark);
+      p.dark_shading_dn(r, c) =
+          static_cast<float>(dark + (dark_error_dn > 0 ? dark_error_dn * random.normal() : 0));
       camera.frame.dn(r, c) =
           static_cast<float>(own + share * dark + std::sqrt(0.5 * own + 9) * random.normal());
     }
@@ -147,6 +150,19 @@ TEST(FrameProfile, HasThePatternsNoiseUnlessTheFrameShowsNone) {
   EXPECT_DOUBLE_EQ(pattern_variance(frame_profile(part, model, {}).profile), whole_dn2);
   EXPECT_EQ(pattern_variance(frame_profile(part, model, {}, {.fixed_pattern = false}).profile), 0);
   EXPECT_EQ(raw_profile(part, model, {}).pattern, nullptr);
+}
+
+// Shading that whole columns have is known to next to nothing, and so leaves nothing. As if it were
+// known as little as a pixel, 33 DN² counted as noise, where there were 11.
+TEST(FrameProfile, ShadingThatIsTakenOutLeavesNoNoise) {
+  constexpr double kShading = 12, kError = 4;
+  const auto [model, frame] = patterned_camera(1, kShading, kError);
+  const VarianceCurve left = frame_profile(frame, model, {}).profile.channels.front().variance;
+  const double of_pixels = std::pow(std::hypot(1 / kDsnuDn, 1 / kError), -2);
+  EXPECT_NEAR((left(0) - left.temporal()(0)) / of_pixels, 1, 0.1);
+  // Where nothing is taken out, the raw pixels have all of it.
+  const VarianceCurve raw = raw_profile(frame, model, {}).channels.front().variance;
+  EXPECT_NEAR((raw(0) - raw.temporal()(0)) / (kDsnuDn * kDsnuDn + kShading * kShading / 2), 1, 0.1);
 }
 
 }  // namespace

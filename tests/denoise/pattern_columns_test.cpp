@@ -112,5 +112,20 @@ TEST(PatternColumns, ShareLiesBetweenOneAndThatOfThePixels) {
   EXPECT_EQ(taken(0.02, 0.01, 1, 0.1), 1);  // no pattern of pixels
 }
 
+// Nor is a share of the pixels that is not told from 1, because shading goes with it that is many
+// times what they differ by.
+TEST(PatternColumns, ThePixelsShareIsOneUnlessTheFrameTellsAnother) {
+  PatternShares shares{{.most = 10, .grows = true}, {}};
+  const auto taken = [&](double value, double error) {
+    shares.pixels.value = value;
+    shares.pixels.stderr_value = error;
+    return shares.pixels_taken();
+  };
+  EXPECT_EQ(taken(0.9, 0.06), 1);
+  EXPECT_EQ(taken(0.9, 0.04), 0.9);
+  EXPECT_EQ(taken(1.3, 0.1), 1.3);
+  EXPECT_EQ(taken(0.5, 0.2), 0);
+}
+
 }  // namespace
 }  // namespace malus

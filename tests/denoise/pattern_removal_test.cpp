@@ -199,7 +199,7 @@ TEST(PatternRemoval, ColumnsThatNoFrameTellsGoWithThePixels) {
       for (int c = 0; c < kCols; ++c) dn(r, c) += static_cast<float>(share) * glow(r, c);
     const MeasuredPattern shares = shares_of(dn, profile);
     EXPECT_FALSE(shares.dark.columns.present());
-    EXPECT_EQ(shares.dark.columns_taken(), shares.dark.pixels.taken());
+    EXPECT_EQ(shares.dark.columns_taken(), shares.dark.pixels_taken());
     EXPECT_NEAR(shares.dark.columns_taken(), share, 0.05);
   }
 }

@@ -41,13 +41,30 @@ bool shows_less_than_half(const RawFrame& frame, const NoiseProfile& profile) {
   return shown && clearly_below(kHalf * kHalf, shown->value, shown->error);
 }
 
-// What is left of a pattern, of its deviation. Where the frame does not tell, it is there.
+// What is left of a map's pixels, of their deviation. Where the frame does not tell, it is there.
 double left_of(const PatternShare& share, bool has_map, bool is_taken_out) {
   if (!has_map) return 1;
   if (share.present())
     return share.taken() * (is_taken_out ? std::sqrt(std::max(1 - share.kept, 0.0)) : 1);
   const bool told = share.stderr_value > 0;
   return told && clearly_below(kHalf, share.value, share.stderr_value) ? 0 : 1;
+}
+
+// The same of all of a map's parts. Of columns and smooth shading, which many pixels tell, nothing
+// is left where they are taken out: the shading with the pixels' share, which is told by it.
+double left_of_parts(const PatternShares& shares, const FixedPattern::Shares& of_variance,
+                     bool has_map, bool is_taken_out) {
+  const double of_pixels = left_of(shares.pixels, has_map, is_taken_out);
+  const double columns = has_map ? shares.columns_taken() : 0,
+               smooth = has_map ? shares.pixels_taken() : 0;
+  const auto left = [&](double taken) {
+    if (!(taken > 0)) return of_pixels;
+    return is_taken_out ? 0 : taken;
+  };
+  const double of_rest = 1 - of_variance.columns - of_variance.smooth;
+  return std::sqrt(std::max(of_rest, 0.0) * of_pixels * of_pixels +
+                   of_variance.columns * std::pow(left(columns), 2) +
+                   of_variance.smooth * std::pow(left(smooth), 2));
 }
 
 bool any_pattern(const std::vector<PatternDeviation>& deviations) {
@@ -72,9 +89,14 @@ void count_pattern(NoiseProfile& profile, const RawFrame& frame, const NoiseMode
     const FrameLight light = light_of(frame, profile);
     shares = measure_pattern(light.dn, frame.layout, profile, light.saturated_dn);
   }
+  const auto parts = [&](FixedPattern::Shares FixedPattern::*shares) {
+    return profile.pattern ? *profile.pattern.*shares : FixedPattern::Shares{};
+  };
+  const FixedPattern::Shares dark_shares = parts(&FixedPattern::dark_shares),
+                             response_shares = parts(&FixedPattern::response_shares);
   for (PatternDeviation& d : deviations) {
-    d.prnu *= left_of(shares.response.pixels, response, is_taken_out);
-    d.dsnu_dn *= left_of(shares.dark.pixels, dark, is_taken_out);
+    d.prnu *= left_of_parts(shares.response, response_shares, response, is_taken_out);
+    d.dsnu_dn *= left_of_parts(shares.dark, dark_shares, dark, is_taken_out);
   }
   add_pattern_noise(profile, deviations);
 }

@@ -247,7 +247,7 @@ MeasuredPattern measure_pattern(View<const float> dn, const SensorLayout& layout
 
 void remove_pattern(Image& dn, const SensorLayout& layout, const FixedPattern& pattern,
                     const MeasuredPattern& shares, const SaturatedPixels& saturated) {
-  const double dark = shares.dark.pixels.taken(), response = shares.response.pixels.taken(),
+  const double dark = shares.dark.pixels_taken(), response = shares.response.pixels_taken(),
                dark_columns = pattern.dark_columns_dn.empty() ? 0 : shares.dark.columns_taken(),
                response_columns =
                    pattern.response_columns.empty() ? 0 : shares.response.columns_taken();

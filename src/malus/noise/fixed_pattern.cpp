@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/noise/internal/smooth_map.h"
 #include "malus/noise/model.h"
 #include "malus/noise/profile.h"
 
@@ -159,19 +160,64 @@ double take_error_out_of_columns(Image& columns, const SensorLayout& layout,
 struct Parts {
   Image map, columns;
   double kept = 1, columns_kept = 1;
+  FixedPattern::Shares shares;
 };
 
-// column_error: per channel, what the column noise of the frames left in the map, as a variance.
+// Variances, per channel, that a map has of what the frames left in it; empty: not known.
+struct MapError {
+  std::vector<double> pixels, columns, rows;  // a pixel's own; its column's; its rows'
+};
+
+double mean_square(const Image& values) {
+  double sum = 0;
+  for (const float v : values.values()) sum += double{v} * v;
+  return values.empty() ? 0 : sum / static_cast<double>(values.size());
+}
+
+// Of every channel, the variance of a pixel that differs from its neighbours in the row as these
+// do: without what is smooth, and as frames are compared with the map.
+std::vector<double> variances_of_differences(const Image& map, const SensorLayout& layout) {
+  constexpr double kOfDifference = 1.5;  // the pixel's own, and half of a neighbour's
+  const int period = layout.cols();
+  if (map.cols() <= 3 * period) return ordinary_variances(map, layout, 0);
+  Image differences(map.rows(), map.cols() - 2 * period);
+  for (int row = 0; row < map.rows(); ++row)
+    for (int col = 0; col < differences.cols(); ++col)
+      differences(row, col) =
+          map(row, col + period) - 0.5F * (map(row, col) + map(row, col + 2 * period));
+  std::vector<double> variance = ordinary_variances(differences, layout, 0);
+  for (double& v : variance) v /= kOfDifference;
+  return variance;
+}
+
+// What is smooth in both directions, taken out of the map, and out of `error` what it had of that.
+// Frames are compared with the rest alone: a glow's variance in that of the pixels would keep their
+// error, frames would seem to hold less than all, and that much of the glow would stay.
+Image take_smooth_out(Image& map, const SensorLayout& layout, double middle, const MapError& known,
+                      const std::vector<double>& variance, std::vector<double>& error) {
+  if (known.rows.size() != error.size()) return {};
+  const SmoothMap smooth(map, layout, middle);
+  std::vector<double> chance = known.rows, of_smooth = known.rows;
+  for (std::size_t c = 0; c < error.size(); ++c) chance[c] += SmoothMap::kOfMedian * variance[c];
+  if (!smooth.differs(chance)) return {};
+  if (known.pixels.size() == error.size()) error = known.pixels;
+  for (std::size_t c = 0; c < error.size(); ++c) of_smooth[c] += SmoothMap::kOfMedian * error[c];
+  Image values = smooth.values();
+  for (std::size_t i = 0; i < map.size(); ++i) map.values()[i] -= values.values()[i];
+  take_sampling_error_out(values, layout, 0, ordinary_variances(values, layout, 0), of_smooth);
+  return values;
+}
+
 Parts parts_of(Image map, const SensorLayout& layout, double middle,
-               const std::vector<double>& pattern_sd, const std::vector<double>& column_error) {
+               const std::vector<double>& pattern_sd, const MapError& known) {
   const auto channels = static_cast<std::size_t>(layout.channels());
-  Parts parts{std::move(map), {}};
+  Parts parts{std::move(map), {}, 1, 1, {}};
   if (parts.map.empty() || pattern_sd.size() != channels) return parts;
   std::vector<double> variance = ordinary_variances(parts.map, layout, middle), error(channels),
                       chance(channels), of_columns(channels);
   const double pixels = parts.map.rows() / layout.rows();
   for (std::size_t c = 0; c < channels; ++c) {
-    const double lines = column_error.size() == channels ? column_error[c] : 0;
+    const double lines = known.columns.size() == channels ? known.columns[c] : 0;
     error[c] = std::max(variance[c] - pattern_sd[c] * pattern_sd[c], 0.0);
     chance[c] = variance[c] / pixels + lines;
     of_columns[c] = error[c] / pixels + lines;
@@ -186,7 +232,17 @@ Parts parts_of(Image map, const SensorLayout& layout, double middle,
     parts.columns_kept = take_error_out_of_columns(columns, layout, of_columns);
     parts.columns = std::move(columns);
   }
+  const Image smooth = take_smooth_out(parts.map, layout, middle, known, variance, error);
+  if (!smooth.empty()) variance = variances_of_differences(parts.map, layout);
   parts.kept = take_sampling_error_out(parts.map, layout, middle, variance, error);
+  const double of_lines = mean_square(parts.columns), of_smooth = mean_square(smooth);
+  double of_pixels = 0;
+  for (std::size_t c = 0; c < channels; ++c)
+    of_pixels += std::max(variance[c] - error[c], 0.0) / static_cast<double>(channels);
+  if (const double all = of_pixels + of_lines + of_smooth; of_lines + of_smooth > 0 && all > 0)
+    parts.shares = {of_lines / all, of_smooth / all};
+  if (!smooth.empty())
+    for (std::size_t i = 0; i < smooth.size(); ++i) parts.map.values()[i] += smooth.values()[i];
   return parts;
 }
 
@@ -205,8 +261,8 @@ const PhysicsCalibration* nearest_with(const NoiseModel& model, const GainSettin
 // Defects, which are told by their place, count as ordinary pixels.
 Parts nearest_map(const NoiseModel& model, const PhysicsCalibration& nearest,
                   Image PhysicsCalibration::*map,
-                  std::vector<double> PhysicsCalibration::*pattern_sd,
-                  const std::vector<double>& column_error, float ordinary) {
+                  std::vector<double> PhysicsCalibration::*pattern_sd, const MapError& error,
+                  float ordinary) {
   const auto without_defects = [&](Image& copy) {
     for (const DefectPixel& defect : model.defects) {
       MALUS_REQUIRE(defect.row < copy.rows() && defect.col < copy.cols());  // contradiction_in
@@ -215,10 +271,28 @@ Parts nearest_map(const NoiseModel& model, const PhysicsCalibration& nearest,
   };
   Image copy = nearest.*map;
   without_defects(copy);
-  Parts parts =
-      parts_of(std::move(copy), model.layout, ordinary, nearest.*pattern_sd, column_error);
+  Parts parts = parts_of(std::move(copy), model.layout, ordinary, nearest.*pattern_sd, error);
   without_defects(parts.map);
   return parts;
+}
+
+// Noise of the bias frames that is left in their mean. Rows: in the median of a block of them.
+MapError error_of_dark(const NoiseModel& model, const PhysicsCalibration& dark) {
+  const double frames = std::max(dark.bias_frames, 1),
+               in_group = std::max(model.row_group / model.layout.rows(), 1),
+               groups = std::max(SmoothMap::kBlock / in_group, 1.0);
+  MapError error{dark.temporal_sd_dark_dn, dark.sigma_column.mean, dark.sigma_row.mean};
+  const auto square_of = [](const std::vector<double>& deviation, std::size_t c) {
+    return c < deviation.size() ? deviation[c] * deviation[c] : 0;
+  };
+  for (std::size_t c = 0; c < error.pixels.size(); ++c)
+    error.pixels[c] = std::max(square_of(error.pixels, c) - square_of(error.columns, c) -
+                                   square_of(error.rows, c),
+                               0.0) /
+                      frames;
+  for (double& v : error.columns) v = v * v / frames;
+  for (double& v : error.rows) v = v * v / frames / groups;
+  return error;
 }
 
 }  // namespace
@@ -230,14 +304,13 @@ std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
   if (!dark && !response) return nullptr;
   FixedPattern pattern;
   if (dark) {
-    std::vector<double> column_error = dark->sigma_column.mean;
-    for (double& v : column_error) v = v * v / std::max(dark->bias_frames, 1);
     Parts parts = nearest_map(model, *dark, &PhysicsCalibration::dark_shading_dn,
-                              &PhysicsCalibration::dsnu_dn, column_error, 0);
+                              &PhysicsCalibration::dsnu_dn, error_of_dark(model, *dark), 0);
     pattern.dark_dn = std::move(parts.map);
     pattern.dark_columns_dn = std::move(parts.columns);
     pattern.dark_kept = parts.kept;
     pattern.dark_columns_kept = parts.columns_kept;
+    pattern.dark_shares = parts.shares;
   }
   if (response) {
     Parts parts = nearest_map(model, *response, &PhysicsCalibration::prnu_map,
@@ -246,6 +319,7 @@ std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
     pattern.response_columns = std::move(parts.columns);
     pattern.response_kept = parts.kept;
     pattern.response_columns_kept = parts.columns_kept;
+    pattern.response_shares = parts.shares;
   }
   return std::make_shared<const FixedPattern>(std::move(pattern));
 }

@@ -24,13 +24,17 @@ struct FixedPattern {
   /// frame of which the maps were made, which has its own noise in common with them, seems to hold
   /// them as often as the inverse of this says.
   double dark_kept = 1, response_kept = 1, dark_columns_kept = 1, response_columns_kept = 1;
+  /// Of a map's variance without its sampling error, what its columns and smooth shading have.
+  struct Shares {
+    double columns = 0, smooth = 0;
+  } dark_shares = {}, response_shares = {};
 };
 
 /// The maps of the measured gain nearest to `gain` (of the first one where no gain is named), each
 /// of the nearest that has it; null where the model holds none. Of ordinary pixels their sampling
 /// error's share, as DSNU and PRNU tell it, is taken away (Wiener), of outliers less; of columns
-/// that of a mean over their pixels, apart from what is smooth along the rows. Contract: no
-/// contradiction_in(model).
+/// that of a mean over their pixels, apart from what is smooth along the rows; of dark shading that
+/// is smooth in both directions that of a median of many. Contract: no contradiction_in(model).
 std::shared_ptr<const FixedPattern> fixed_pattern_at(const NoiseModel& model,
                                                      const GainSetting& gain);
 

@@ -33,18 +33,24 @@ struct PatternShare {
 /// The shares of a map's pixels and of its columns.
 struct PatternShares {
   PatternShare pixels, columns;
+  /// The pixels' own; once where the frame tells no difference from that. The share is told by what
+  /// pixels differ by, and a glow that goes with them is many times that.
+  double pixels_taken() const {
+    const double own = pixels.taken();
+    return own > 0 && std::abs(own - 1) < 2 * pixels.stderr_value ? 1 : own;
+  }
   /// The columns' own where it contradicts that of the pixels; else that, if it is not told from
   /// chance, and if it is, what lies next to it between 1, which the same converters have in every
   /// frame, and the pixels': it is told by differences of neighbours, but is that of smooth shading
   /// too.
   double columns_taken() const {
-    const double all = pixels.taken(), own = columns.taken();
+    const double all = pixels_taken(), own = columns.taken();
     const bool agree = std::abs(columns.value - all) < 4 * columns.stderr_value;
     if (!agree) return own;
     return columns.present() ? std::clamp(own, std::min(all, 1.0), std::max(all, 1.0)) : all;
   }
   /// For the record: the pixels' where it counts.
-  double taken() const { return pixels.present() ? pixels.taken() : columns_taken(); }
+  double taken() const { return pixels.present() ? pixels_taken() : columns_taken(); }
 };
 
 /// Pixels respond the same in every frame; dark signal grows with exposure and temperature.
