@@ -162,6 +162,13 @@ std::string cut_off_note(const RawFrame& frame) {
                      percent_text(share));
 }
 
+std::string cut_off_of_mean_note(const RawFrame& frame) {
+  const std::string note = cut_off_note(frame);
+  if (note.empty()) return {};
+  return note +
+         ": dark places of the mean are too bright; denoise takes that back of single frames only";
+}
+
 std::string no_light_complaint(std::span<const StokesPlanes> planes, bool whole) {
   std::size_t dark = 0, all = 0;
   for (const StokesPlanes& color : planes) {

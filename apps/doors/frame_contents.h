@@ -77,6 +77,8 @@ std::vector<std::string> mean_complaints(const RawFrame& mean);
 /// "noise took 2 % of its pixels to 0, where the camera cuts it off"; empty where that is less than
 /// a thousandth of them.
 std::string cut_off_note(const RawFrame& frame);
+/// The same with what it makes of a mean of such frames.
+std::string cut_off_of_mean_note(const RawFrame& frame);
 
 /// That most cells, or most pixels (whole), have no light, for which a wrong black level is often
 /// the reason; empty where they have. planes: of every colour.

@@ -54,10 +54,8 @@ Json average(const AverageArguments& arguments, const FrameOptions& options, Pro
   for (const fs::path& input : arguments.inputs) {
     check_stop(progress);
     const RawFrame frame = load_raw(input, options);
-    if (const std::string cut_off = cut_off_note(frame); !cut_off.empty())
-      warn_of(frame.source, cut_off +
-                                ": dark places of the mean are too bright; denoise takes that "
-                                "back of single frames only");
+    if (const std::string cut_off = cut_off_of_mean_note(frame); !cut_off.empty())
+      warn_of(frame.source, cut_off);
     frames.add(frame);
     progress.advance(1);
   }

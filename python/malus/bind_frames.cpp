@@ -178,8 +178,13 @@ HeldFrame average(const py::list& frames) {
     const HeldFrame* frame = held_frame(object);
     if (!frame) throw py::type_error("average takes a list of Frames");
     require_raw(object, "give the raw frames");
-    const py::gil_scoped_release release;
-    mean.add(*frame);
+    std::string cut_off;
+    {
+      const py::gil_scoped_release release;
+      cut_off = app::cut_off_of_mean_note(*frame);
+      mean.add(*frame);
+    }
+    if (!cut_off.empty()) give_warning(frame->source + ": " + cut_off);
   }
   HeldFrame result{mean.take()};
   for (const std::string& complaint : app::mean_complaints(result))

@@ -63,3 +63,11 @@ def test_what_no_mean_is_for_is_refused(burst, camera):
         malus.average([burst[0].dn, burst[1].dn])
     with pytest.raises(malus.InputError, match="mean_of"):
         malus.Frame(mean.dn, LAYOUT, mean_of=0)
+
+
+def test_what_is_cut_off_at_0_is_told():
+    random = np.random.default_rng(4)
+    dark = [malus.Frame(np.maximum(np.round(random.normal(2, 4, (64, 64))), 0).astype(np.uint16), "mono", black=2, white=4095)
+            for _ in range(2)]
+    with pytest.warns(UserWarning, match="too bright"):
+        malus.average(dark)

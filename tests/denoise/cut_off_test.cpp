@@ -104,6 +104,40 @@ TEST(CutOff, FarBelowTheBlackLevelNothingChanges) {
   EXPECT_EQ(result.cut_off_share, 0);
 }
 
+// Of a mean of frames their share at 0 is worked out; what lies below 0 was not cut off there.
+TEST(CutOff, OfAMeanIsWorkedOut) {
+  constexpr int kFrames = 16;
+  for (const double black_dn : {0.0, 60.0}) {
+    RawFrame mean = cut_off_frame(black_dn, 30);
+    double at_zero = 0;
+    for (int f = 0; f < kFrames; ++f) {
+      const RawFrame one = cut_off_frame(black_dn, 30 + static_cast<std::uint64_t>(f));
+      for (std::size_t i = 0; i < mean.dn.size(); ++i) {
+        if (f == 0) mean.dn.values()[i] = 0;
+        mean.dn.values()[i] += one.dn.values()[i] / kFrames;
+      }
+      at_zero += measure_cut_off(one).mean_share() / kFrames;
+    }
+    mean.bits = 0;
+    NoiseProfile profile = uncut_profile();
+    for (ChannelProfile& channel : profile.channels)
+      channel.variance = channel.variance.scaled(1.0 / kFrames);
+    EXPECT_EQ(cut_off_share_of_mean(mean, profile), 0);  // of one frame
+    mean.mean_of = kFrames;
+    const double share = cut_off_share_of_mean(mean, profile);
+    EXPECT_NEAR(share, at_zero, 0.4 * at_zero) << black_dn;
+    if (black_dn > 0) continue;
+    EXPECT_GT(share, 0.05);
+    const Denoised result = denoise_frame(mean, profile, {.profile = "fast"});
+    EXPECT_EQ(result.frames_cut_off_share, share);
+    const std::vector<std::string> lines = frame_complaints(result, true);
+    ASSERT_EQ(lines.size(), 1u);
+    EXPECT_NE(lines[0].find("frames that it is the mean of"), std::string::npos) << lines[0];
+    mean.dn(3, 3) = -1;
+    EXPECT_EQ(cut_off_share_of_mean(mean, profile), 0);
+  }
+}
+
 // The noise of the same scene with a black level far above 0, within a tenth.
 TEST(CutOff, NoiseOfAPictureIsThatBeforeItWasCutOff) {
   const Estimate<PictureNoise> cut = estimate_profile(cut_off_frame(0, 4));

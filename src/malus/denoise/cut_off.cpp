@@ -1,5 +1,6 @@
 #include "malus/denoise/cut_off.h"
 
+#include "malus/base/normal_distribution.h"
 #include "malus/base/statistics.h"
 #include "malus/denoise/internal/channel_levels.h"
 #include "malus/noise/clipped_noise.h"
@@ -14,6 +15,7 @@ constexpr double kLeastShare = 1e-3;  // fewer move no mean by a hundredth of th
 constexpr double kLeastPixels = 64;
 constexpr int kVoidSide = 4;
 constexpr double kLeastSteps = 0.5;  // of noise before rounding
+constexpr double kFarthest = 5.0;    // deviations above 0 from which noise brings next to none down
 
 bool shows_noise(const ChannelProfile& channel, double step_dn) {
   const double dark_dn2 = channel.variance(0);
@@ -23,6 +25,15 @@ bool shows_noise(const ChannelProfile& channel, double step_dn) {
 std::size_t place(const Image& dn, int row, int col) {
   return static_cast<std::size_t>(row) * static_cast<std::size_t>(dn.cols()) +
          static_cast<std::size_t>(col);
+}
+
+// The mean of a normal deviate of which what lies below 0 is cut off and the mean is then
+// `clipped`, in deviations; -1, where a sixth of it shows, for what is less.
+double unclipped(double clipped) {
+  double mean = clipped;
+  for (int i = 0; i < 4; ++i)  // Newton's, from above: convex
+    mean = std::max(mean - (mean_above_zero(mean) - clipped) / normal_cdf(mean), -1.0);
+  return mean;
 }
 
 // All of 0 in the kVoidSide x kVoidSide of a channel with its first at `row`, `col`.
@@ -74,6 +85,24 @@ CutOff measure_cut_off(const RawFrame& frame) {
     if (at_zero[k] >= std::max(kLeastShare * pixels[k], kLeastPixels))
       cut_off.share[k] = at_zero[k] / pixels[k];
   return cut_off;
+}
+
+double cut_off_share_of_mean(const RawFrame& frame, const NoiseProfile& of_mean) {
+  if (frame.mean_of < 2 || !(frame.layout == of_mean.layout)) return 0;
+  std::vector<double> deviation_dn;  // of one frame in the dark
+  for (const ChannelProfile& channel : of_mean.channels)
+    deviation_dn.push_back(
+        std::sqrt(frame.mean_of * (channel.variance(0) + std::pow(channel.sigma_row_dn, 2) +
+                                   std::pow(channel.sigma_column_dn, 2))));
+  double at_zero = 0;
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c) {
+      const double dn = frame.dn(r, c),
+                   sd = deviation_dn[static_cast<std::size_t>(frame.layout.channel_at(r, c))];
+      if (dn < 0) return 0;
+      if (dn < kFarthest * sd) at_zero += normal_cdf(-unclipped(dn / sd));
+    }
+  return at_zero / static_cast<double>(frame.dn.size());
 }
 
 NoiseProfile with_shown_dark(NoiseProfile profile, const NoiseModel& model,

@@ -23,6 +23,11 @@ struct CutOff {
 /// Of a frame as the camera wrote it. None in floats and signed codes.
 CutOff measure_cut_off(const RawFrame& frame);
 
+/// Of a mean of frames, which shows it no more: about which share of their pixels noise took to 0,
+/// by the profile's noise of the mean. 0 of one frame, and where a pixel lies below 0: what ends
+/// there is not the frames' codes.
+double cut_off_share_of_mean(const RawFrame& frame, const NoiseProfile& of_mean);
+
 /// A profile of dark frames that were cut off themselves, of which `model` measured what they
 /// showed at this gain: with that variance of the dark, without rows and columns, in place of the
 /// fitted law's, whose tails are those of no noise. Any other comes back as it is.

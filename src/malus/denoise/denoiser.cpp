@@ -240,6 +240,7 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseS
   check_stop(progress);
   const NoiseProfile profile = as_shown(before_cut_off(given, frame), frame, cut_off);
   result.cut_off_share = cut_off.mean_share();
+  result.frames_cut_off_share = cut_off_share_of_mean(frame, given);
   result.cut_off_undone = method.stabilizes && has_cut_off_law(profile);
   const PreparedFrame prepared =
       prepare_frame(std::move(frame), profile,

@@ -84,7 +84,8 @@ struct Denoised {
   std::vector<double> mean_shift_dn;
   std::int64_t nonfinite_pixels = 0;  ///< light_range tells which hold light
   std::int64_t saturated_pixels = 0;
-  double cut_off_share = 0;  ///< cut_off.h
+  double cut_off_share = 0;         ///< cut_off.h
+  double frames_cut_off_share = 0;  ///< of a mean of frames: cut_off_share_of_mean
   /// This needs noise of half a step or more, a method that stabilises, and of a network a
   /// stabilised domain.
   bool cut_off_undone = false;

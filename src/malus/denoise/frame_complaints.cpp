@@ -103,6 +103,12 @@ std::vector<std::string> frame_complaints(const Denoised& result, bool polarized
         result.cut_off_undone ? "their light is worked out as far as the noise is known"
         : polarized           ? "the light there and its DoLP come out wrong"
                               : "the light there comes out wrong"));
+  if (result.frames_cut_off_share > kMuchCutOff)
+    lines.push_back(fmt::format(
+        "the camera cut the noise of dark places off at 0, in about {} % of the pixels of the "
+        "frames that it is the mean of: the mean is too bright there{}; raise the camera's black "
+        "level by a few deviations of the noise, or denoise the frames one by one",
+        percent_text(result.frames_cut_off_share), polarized ? ", and its DoLP too low" : ""));
   return lines;
 }
 
