@@ -198,9 +198,7 @@ void warn_of_dark_frames(const GainRun& run, const BiasFrames& frames, const Dar
   warn_of_outlying_frames(frames.mean, temporal_sd, out);
   warn_of_outlying_noise(frames.residuals, dark.hidden, run.geometry().cols(), out);
   warn_of_high_level(format, out);
-  std::vector<double> lowest_code = dark.floor_dn;
-  for (std::size_t c = 0; c < lowest_code.size(); ++c) lowest_code[c] -= run.zero_dn()[c];
-  warn_of_clipping(dark.zero_share, lowest_code, format.layout, out);
+  warn_of_clipping(dark.zero_share, dark.floor_code_dn, format.layout, out);
   if (dark.hidden.empty() ||
       !std::all_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::known)))
     warn_of_coarse_steps(dark.step_dn, out);
@@ -222,6 +220,7 @@ DarkPass measure_dark(const GainRun& run, double step_dn) {
   const MosaicGeometry geometry = run.format().geometry(1);  // rows singly: they tell the row group
   DarkPass pass{TemporalAccumulator(geometry, run.format().black_dn, FrameAlignment::kAdditive),
                 RowLagAccumulator(geometry),
+                {},
                 {},
                 {},
                 {},
@@ -247,7 +246,8 @@ DarkPass measure_dark(const GainRun& run, double step_dn) {
     zeros.add(frame.dn);
   });
   pass.constancy = equal.chance_of_constancy();
-  pass.floor_dn = zeros.floors_dn();
+  pass.floor_dn = pass.floor_code_dn = zeros.floors_dn();
+  for (std::size_t c = 0; c < pass.floor_dn.size(); ++c) pass.floor_code_dn[c] -= run.zero_dn()[c];
   pass.zero_share = zeros.shares();
   return pass;
 }

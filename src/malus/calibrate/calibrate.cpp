@@ -6,11 +6,11 @@
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/calibrate/gaussian_calibration.h"
+#include "malus/calibrate/internal/physics_calibration.h"
 #include "malus/calibrate/nonparametric_calibration.h"
 #include "malus/image/quantization.h"
 
 #include <algorithm>
-#include <optional>
 
 #include <fmt/format.h>
 
@@ -70,16 +70,6 @@ std::vector<GainSetting> required_lit_gains(const CalibrationInput& input, const
   return gains;
 }
 
-// What the physics results counted from: that of the highest gain's first bias frame, with the
-// model's white. None without physics results.
-std::optional<FrameFormat> format_of_physics(const CalibrationInput& input,
-                                             const NoiseModel& model) {
-  if (model.physics.empty()) return std::nullopt;
-  FrameFormat format = format_of(load_first(*bias_set_at(model.physics.back().gain, input)));
-  format.white_dn = model.white_dn;
-  return format;
-}
-
 // A gain's frames that tell no black level have that of the physics results, and so has whatever is
 // compared with them; frames that tell their own where those do, too, lie above it either way.
 void take_black_of_physics(const FrameFormat& of_physics, RawFrame& first) {
@@ -89,9 +79,10 @@ void take_black_of_physics(const FrameFormat& of_physics, RawFrame& first) {
 }
 
 // The distributions at these gains; what the model does not know of the sensor yet is taken from
-// the first frame.
+// the first frame. of_physics: null without physics results.
 std::vector<MeasuredLevels> measure_gains(const CalibrationInput& input,
                                           const std::vector<GainSetting>& gains,
+                                          const FrameFormat* of_physics,
                                           const CalibrationSettings& settings, Progress& progress,
                                           NoiseModel& model) {
   std::int64_t steps = 0;
@@ -99,7 +90,6 @@ std::vector<MeasuredLevels> measure_gains(const CalibrationInput& input,
     for (const NoiseSource& source : sources_at(gain, input))
       steps += 2 * source.frames->count + (source.reference ? source.reference->count : 0);
   progress.begin("distributions", steps);
-  const std::optional<FrameFormat> of_physics = format_of_physics(input, model);
   std::vector<MeasuredLevels> measured;
   for (const GainSetting& gain : gains) {
     std::vector<NoiseSource> sources = sources_at(gain, input);
@@ -122,8 +112,8 @@ std::vector<MeasuredLevels> measure_gains(const CalibrationInput& input,
 }
 
 // From the photon-transfer line where flats gave one, else from the levels of bursts.
-void add_gaussian(const CalibrationInput& input, const CalibrationSettings& settings,
-                  Progress& progress, NoiseModel& model) {
+void add_gaussian(const CalibrationInput& input, const FrameFormat* of_physics,
+                  const CalibrationSettings& settings, Progress& progress, NoiseModel& model) {
   for (const PhysicsCalibration& physics : model.physics)
     if (!physics.K.mean.empty()) model.gaussian.push_back(gaussian_of(physics));
   std::vector<GainSetting> missing;
@@ -135,7 +125,7 @@ void add_gaussian(const CalibrationInput& input, const CalibrationSettings& sett
   constexpr int kSamples = 2000;
   CalibrationSettings of_variances = settings;
   of_variances.level_samples = std::min(settings.level_samples, kSamples);
-  const auto measured = measure_gains(input, missing, of_variances, progress, model);
+  const auto measured = measure_gains(input, missing, of_physics, of_variances, progress, model);
   for (const MeasuredLevels& levels : measured) {
     const double range = white_above_black(model.white_dn, model.black_dn);
     const auto line = gaussian_of(levels, settings.saturation_limit * range);
@@ -153,10 +143,10 @@ void add_gaussian(const CalibrationInput& input, const CalibrationSettings& sett
             });
 }
 
-// Whole bias frames for dark-frame sampling, cut to whole cells, in DN above black. Contract: the
-// model has its physics results.
-void add_dark_frames(const CalibrationInput& input, const CalibrationSettings& settings,
-                     Progress& progress, NoiseModel& model) {
+// Whole bias frames for dark-frame sampling, cut to whole cells, in DN above black. format: what
+// the physics results count from.
+void add_dark_frames(const CalibrationInput& input, const FrameFormat& format,
+                     const CalibrationSettings& settings, Progress& progress, NoiseModel& model) {
   std::vector<const FrameSet*> sets;
   for (const FrameSet& set : input.sets)
     if (&set == bias_set_at(set.gain, input)) sets.push_back(&set);
@@ -166,7 +156,6 @@ void add_dark_frames(const CalibrationInput& input, const CalibrationSettings& s
   std::int64_t steps = 0;
   for (const FrameSet* set : sets) steps += std::min(set->count, settings.dark_frames);
   progress.begin("dark frames", steps);
-  const FrameFormat format = *format_of_physics(input, model);
   for (const FrameSet* set : sets) {
     DarkFrameBank bank;
     bank.gain = set->gain;
@@ -249,9 +238,10 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
   if (kinds.empty())
     throw InputError(setting_name("kinds"), "names no kind of model",
                      "choose of " + joined(model_kind_names()));
-  NoiseModel model;
+  CalibratedPhysics physics;
+  NoiseModel& model = physics.model;
   if (std::ranges::any_of(kinds, needs_bias_frames) || has_frames(input, FrameKind::kBias)) {
-    model = calibrate_physics(input, settings, progress);
+    physics = physics_with_format(input, settings, progress);
   } else {
     require_one_gain_unit(input);
     model.sensor = input.sensor;
@@ -260,12 +250,15 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
     model.row_group_origin = input.row_group ? "declared" : "assumed";
   }
   warn_of_untold_gain(input, model, progress);
-  if (contains(kinds, ModelKind::kGaussian)) add_gaussian(input, settings, progress, model);
+  const FrameFormat* of_physics = model.physics.empty() ? nullptr : &physics.format;
+  if (contains(kinds, ModelKind::kGaussian))
+    add_gaussian(input, of_physics, settings, progress, model);
   if (contains(kinds, ModelKind::kNonparametric))
     for (MeasuredLevels& levels : measure_gains(input, required_lit_gains(input, "non-parametric"),
-                                                settings, progress, model))
+                                                of_physics, settings, progress, model))
       model.nonparametric.push_back(std::move(levels.distributions));
-  if (contains(kinds, ModelKind::kDarkFrames)) add_dark_frames(input, settings, progress, model);
+  if (contains(kinds, ModelKind::kDarkFrames))
+    add_dark_frames(input, physics.format, settings, progress, model);
   warn_of_noise_as_it_shows(model, progress);
   if (!contains(kinds, ModelKind::kPhysics)) {
     keep_warnings_of_physics(model, progress);
@@ -275,7 +268,7 @@ NoiseModel calibrate(const CalibrationInput& input, const CalibrationSettings& s
   if (const std::string contradiction = contradiction_in(model); !contradiction.empty())
     throw InputError(input.origin, "gives a model that contradicts itself: " + contradiction,
                      "check that the frames are what the session says");
-  return model;
+  return std::move(model);
 }
 
 }  // namespace malus

@@ -160,8 +160,7 @@ DarkPoint FlatSeries::corrected_dark_point(int channel, PhysicsCalibration& out)
   point.cut_off = dark.zero_share[c] > kMostDarkZeros;
   if (!dark.hidden.empty()) take_hidden_noise(dark.hidden[c], point, levels);
   if (!dark.cut_off.empty())
-    take_cut_off(dark.cut_off[c], dark.zero_share[c], dark.floor_dn[c] - run_.zero_dn()[c], point,
-                 levels);
+    take_cut_off(dark.cut_off[c], dark.zero_share[c], dark.floor_code_dn[c], point, levels);
   if (std::any_of(dark.hidden.begin(), dark.hidden.end(), std::mem_fn(&HiddenNoise::hidden)))
     append_dark_point(point, out);
   return point;

@@ -1,3 +1,5 @@
+#include "malus/calibrate/internal/physics_calibration.h"
+
 #include "malus/base/error.h"
 #include "malus/base/settings_check.h"
 #include "malus/base/statistics.h"
@@ -317,19 +319,25 @@ void warn_of_K_against_gain(std::vector<PhysicsCalibration>& rising) {
 
 NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSettings& settings,
                              Progress& progress) {
+  return physics_with_format(input, settings, progress).model;
+}
+
+CalibratedPhysics physics_with_format(const CalibrationInput& input,
+                                      const CalibrationSettings& settings, Progress& progress) {
   require_settings(settings);
   const std::vector<GainPlan> plans = plan_gains(input);
   std::int64_t steps = 0;
   for (const GainPlan& plan : plans) steps += frames_read(plan);
   progress.begin("calibrating", steps);
-  NoiseModel model;
+  CalibratedPhysics out;
+  NoiseModel& model = out.model;
+  FrameFormat& format = out.format;
   model.sensor = input.sensor;
   model.origin = input.origin;
   if (std::any_of(plans.begin(), plans.end(), [](const GainPlan& p) { return !p.flats.empty(); }))
     model.saturation_limit = settings.saturation_limit;
   RowGroupDecision row_group(input.row_group);
   RawFrame first;  // of the highest gain
-  FrameFormat format;
   std::vector<double> steps_dn;
   for (const GainPlan& plan : plans) {
     if (!plan.bias) {
@@ -369,7 +377,7 @@ NoiseModel calibrate_physics(const CalibrationInput& input, const CalibrationSet
     else
       warn_of_calibration("no joint model over gain: " + joint.reason(), model, progress);
   }
-  return model;
+  return out;
 }
 
 }  // namespace malus

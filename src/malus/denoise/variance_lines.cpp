@@ -1,6 +1,7 @@
 #include "malus/denoise/internal/variance_lines.h"
 
 #include "malus/base/statistics.h"
+#include "malus/noise/stabilize.h"
 
 #include <algorithm>
 #include <cmath>
@@ -77,10 +78,10 @@ VarianceCurve curve_of(const VarianceLine& line, const std::vector<VarianceLevel
   if (line.offset >= 0) return VarianceCurve::affine(slope, std::max(line.offset, rounding_dn2));
   double lowest = levels.front().variance;
   for (const VarianceLevel& l : levels) lowest = std::min(lowest, l.variance);
-  constexpr double kLeastSlopes = 1.0 / 4;  // deviations, as Stabilizer has of lines
   return VarianceCurve::floored_line(
       slope, line.offset,
-      std::max({rounding_dn2, 0.1 * lowest, std::pow(kLeastSlopes * slope, 2)}));
+      std::max(
+          {rounding_dn2, 0.1 * lowest, std::pow(Stabilizer::kLeastNegativeSlopes * slope, 2)}));
 }
 
 // Channels of one sensor share their gain up to a few per cent: each line is drawn to the mean one.

@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
+#include "malus/image/frame_statistics.h"
 
 #include <cmath>
 #include <numeric>
@@ -68,22 +69,14 @@ void DarkLevels::add(const RawFrame& dark) {
                                  dark.gain.text(), gain_.text()),
                      "give dark frames of one gain");
   if (!gain_.decibel()) gain_ = dark.gain;
-  std::vector<double> sum(channels), pixels(channels);
-  for (int r = 0; r < dark.dn.rows(); ++r)
-    for (int c = 0; c < dark.dn.cols(); ++c) {
-      const double dn = dark.dn(r, c);
-      if (!std::isfinite(dn)) continue;
-      const auto k = static_cast<std::size_t>(dark.layout.channel_at(r, c));
-      sum[k] += dn;
-      pixels[k] += 1;
-    }
+  const std::vector<double> mean_dn = finite_means_dn(dark);
   for (std::size_t k = 0; k < channels; ++k) {
-    const double mean_dn = sum[k] / pixels[k];
-    if (!(pixels[k] > 0) || (!white_is_guessed(dark) && mean_dn > kMostOfWhite * dark.white_dn))
+    if (std::isnan(mean_dn[k]) ||
+        (!white_is_guessed(dark) && mean_dn[k] > kMostOfWhite * dark.white_dn))
       throw InputError(dark.source,
-                       fmt::format("its mean, {:.4g} DN, is not that of a dark frame", mean_dn),
+                       fmt::format("its mean, {:.4g} DN, is not that of a dark frame", mean_dn[k]),
                        "take one with the lens cap on, at the gain of the others");
-    sum_[k] += mean_dn;
+    sum_[k] += mean_dn[k];
   }
   ++frames_;
 }

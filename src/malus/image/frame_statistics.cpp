@@ -147,9 +147,26 @@ Estimate<double> noise_guess(View<const float> plane, double white_dn) {
   return deviation;
 }
 
+std::vector<double> finite_means_dn(const RawFrame& frame) {
+  const auto channels = static_cast<std::size_t>(frame.layout.channels());
+  std::vector<double> mean_dn(channels, 0.0), pixels(channels, 0.0);
+  for (int r = 0; r < frame.dn.rows(); ++r)
+    for (int c = 0; c < frame.dn.cols(); ++c) {
+      const double value_dn = frame.dn(r, c);
+      if (!std::isfinite(value_dn)) continue;
+      const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
+      mean_dn[channel] += value_dn;
+      pixels[channel] += 1;
+    }
+  for (std::size_t c = 0; c < channels; ++c)
+    mean_dn[c] = pixels[c] > 0 ? mean_dn[c] / pixels[c] : std::numeric_limits<double>::quiet_NaN();
+  return mean_dn;
+}
+
 std::vector<ChannelSummary> summarize(const RawFrame& frame) {
   const Planes planes = pack(frame.dn, frame.layout);
   std::vector<ChannelSummary> summaries(static_cast<std::size_t>(frame.layout.channels()));
+  const std::vector<double> mean_dn = finite_means_dn(frame);
   const double infinity = std::numeric_limits<double>::infinity();
   for (auto& summary : summaries) {
     summary.minimum_dn = infinity;
@@ -166,7 +183,6 @@ std::vector<ChannelSummary> summarize(const RawFrame& frame) {
         ++summary.nonfinite;
         continue;
       }
-      summary.mean_dn += value;
       summary.minimum_dn = std::min(summary.minimum_dn, value);
       summary.maximum_dn = std::max(summary.maximum_dn, value);
       summary.saturated_share += value >= frame.white_dn ? 1.0 : 0.0;
@@ -176,7 +192,7 @@ std::vector<ChannelSummary> summarize(const RawFrame& frame) {
     ChannelSummary& summary = summaries[channel];
     const auto finite = static_cast<double>(summary.pixels - summary.nonfinite);
     const double nan = std::numeric_limits<double>::quiet_NaN();
-    summary.mean_dn = finite > 0 ? summary.mean_dn / finite : nan;
+    summary.mean_dn = mean_dn[channel];
     summary.saturated_share = finite > 0 ? summary.saturated_share / finite : 0.0;
     summary.below_black_share = finite > 0 ? summary.below_black_share / finite : 0.0;
     if (finite == 0) summary.minimum_dn = summary.maximum_dn = nan;

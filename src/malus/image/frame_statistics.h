@@ -21,6 +21,9 @@ struct ChannelSummary {
   Estimate<double> noise_dn = Undecided{"not measured"};
 };
 
+/// Per channel, mean of the finite pixels, black included; NaN without any.
+std::vector<double> finite_means_dn(const RawFrame& frame);
+
 /// One per channel of the layout.
 std::vector<ChannelSummary> summarize(const RawFrame& frame);
 

@@ -9,9 +9,6 @@ namespace malus {
 namespace {
 
 constexpr double kAnscombe = 3.0 / 8;  // of the squared slope in the root (Starck et al., 1998)
-// Below zero read noise alone is left. Of a channel with next to none the line would be so steep
-// that rounding makes many deviations of it: its deviation is no less than this many slopes.
-constexpr double kLeastNegativeSlopes = 1.0 / 4;
 // In deviations. The curve's slope being K, a line between two knots of the inverse is K/16 times
 // this squared too high: 1.6e-4 K.
 constexpr double kInverseStep = 0.05;

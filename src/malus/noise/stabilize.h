@@ -23,6 +23,9 @@ class Stabilizer {
   /// without noise would not exist. Stabilised values stay below 2^18, which float32 holds to a
   /// 64th of a deviation. Of integers in a container of 16 bits it is less than their rounding.
   static constexpr double kLeastDeviation = 4e-6;
+  /// In slopes of a line, the least deviation of what lies below zero, where read noise alone is
+  /// left: of next to none, rounding would make many deviations.
+  static constexpr double kLeastNegativeSlopes = 1.0 / 4;
 
   /// highest_dn: largest signal above black that occurs, > 0.
   /// law: distribution of the samples, of which the curve may be a multiple (a stronger or weaker

@@ -20,6 +20,8 @@ struct DarkPass {
   TemporalAccumulator temporal;
   RowLagAccumulator rows;
   std::vector<double> floor_dn;  ///< per channel: where noise is cut off, code 0 or the lowest one
+  /// floor_dn in codes as the files hold them, of frames that were moved to another black level.
+  std::vector<double> floor_code_dn;
   std::vector<double> zero_share;  ///< per channel: share of pixels there
   std::vector<double> constancy;   ///< per channel: EqualValues::chance_of_constancy
   NeighbourCorrelation neighbours;
