@@ -10,6 +10,7 @@
 #include <set>
 #include <vector>
 
+#include "flags.h"
 #include "frame_contents.h"
 #include "frame_input.h"
 #include "output_check.h"
@@ -89,6 +90,7 @@ void refuse_again(const std::vector<fs::path>& inputs) {
 }
 
 void run_average(AverageArguments arguments, const Common& common) {
+  as_usage([&] { require_ending_for(arguments.output, SampleType::kFloat); });
   const FrameOptions options = arguments.raw.resolve();
   arguments.inputs = frames_of_inputs(arguments.inputs, options);
   if (arguments.inputs.size() < 2)
@@ -99,7 +101,6 @@ void run_average(AverageArguments arguments, const Common& common) {
                      fmt::format("is frame {} of them", arguments.inputs.size()),
                      fmt::format("give {} or less", kMostAveraged));
   refuse_again(arguments.inputs);
-  require_ending_for(arguments.output, SampleType::kFloat);
   require_headers(arguments.inputs, options);
   std::vector<fs::path> read;
   for (const fs::path& input : arguments.inputs) read.push_back(frame_place(input).file);

@@ -142,8 +142,9 @@ void run_bench(const BenchArguments& arguments, const Common& common,
     };
     if (!wanted()) continue;
     if (!benchmark.of_networks && (arguments.device != "cpu" || !arguments.networks.empty()))
-      throw InputError(arguments.device != "cpu" ? "--device " + arguments.device : "--network",
-                       benchmark.name + " times no networks", "add --only networks");
+      throw CLI::ValidationError(
+          arguments.device != "cpu" ? "--device " + arguments.device : "--network",
+          benchmark.name + " times no networks; add --only networks");
     note(common, fmt::format("running {} ...", benchmark.name));
     const auto ours = benchmark.run(context);
     auto lines = ours;

@@ -252,7 +252,20 @@ class DenoiseRun {
 
 // What no file could make go together.
 void check_usage(const DenoiseArguments& arguments) {
+  if (!is_weight_file(arguments.settings.method) && arguments.format == "png")
+    throw CLI::ValidationError("--format png", "holds no float values; use tif or exr");
   if (arguments.uncertainty) check_states_error("--uncertainty", arguments.settings.method);
+}
+
+// What a network does with them its file tells; of other methods they are wrong usage.
+void require_used(const FrameDenoiser& denoiser, const DenoiseArguments& arguments) {
+  const auto require = [&] {
+    denoiser.require_used(given_settings<InferenceSettings>(*arguments.command));
+  };
+  if (is_weight_file(arguments.settings.method))
+    require();
+  else
+    as_usage(require);
 }
 
 // A stack's frames are denoised one by one.
@@ -281,7 +294,7 @@ void run_denoise(DenoiseArguments arguments, const Common& common) {
   take_frames(arguments, options);
   const FrameDenoiser denoiser(arguments.settings, arguments.inference, arguments.uncertainty);
   if (!denoiser.precision_complaint().empty()) warn(denoiser.precision_complaint());
-  denoiser.require_used(given_settings<InferenceSettings>(*arguments.command));
+  require_used(denoiser, arguments);
   check_result_flags(arguments, denoiser.target());
   std::optional<NoiseModel> model;
   if (!arguments.model.empty()) model = load_model(arguments.model);
@@ -351,6 +364,7 @@ void add_denoise(CLI::App& app, Common& common) {
       ->add_option(
           "--reference-black", arguments->reference_black_dn,
           "their black level [DN] where their files tell none (else the frames', of floats 0)")
+      ->check(finite_number())
       ->needs(references);
   add_origin(*command, arguments->origin,
              "row,column on the calibrated sensor of the first pixel, where RAW is a part of it: "

@@ -134,7 +134,7 @@ void add_model(CLI::App& app, Common& common) {
   show_command->add_option("MODEL", arguments->model, "model file or name of a built-in model")
       ->required();
   CLI::Option* gain = show_command->add_option("--gain", arguments->gain_db, "one gain only [dB]")
-                          ->check(finite_number());
+                          ->check(gain_in_db());
   show_command->add_option("--iso", arguments->iso, "one gain only, as ISO")
       ->check(positive_number())
       ->excludes(gain);

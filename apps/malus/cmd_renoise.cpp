@@ -17,6 +17,7 @@
 #include "denoise_files.h"
 #include "flags.h"
 #include "frame_input.h"
+#include "output_check.h"
 #include "program.h"
 #include "raw_options.h"
 #include <fmt/format.h>
@@ -91,21 +92,28 @@ RawFrame renoised_frame(const RenoiseArguments& arguments, const NoiseModel& mod
   return out;
 }
 
+SampleType sample_type(const RenoiseArguments& arguments) {
+  return arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
+}
+
 // A stack's frames are taken one by one.
 void take_noisy_frames(RenoiseArguments& arguments, const FrameOptions& options) {
   arguments.inputs = frames_of_inputs(arguments.inputs, options);
   arguments.guides = frames_of_inputs(arguments.guides, {});
   if (!arguments.guides.empty() && arguments.guides.size() != arguments.inputs.size())
     throw CLI::ValidationError("--guide", "one per frame, in the same order");
+  as_usage([&] {
+    require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
+  });
   require_headers(arguments.inputs, options);
 }
 
 void run_renoise(RenoiseArguments arguments, const Common& common) {
+  require_format_for(arguments.format, sample_type(arguments));
   const FrameOptions options = arguments.raw.resolve();
   take_noisy_frames(arguments, options);
   const NoiseModel model = load_model(arguments.model);
   const GainSetting from = model.setting_of(arguments.from), to = model.setting_of(arguments.to);
-  require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
   warn_of_untold_gain(model, arguments.model, {from, to});
   if (!arguments.as_float)
     check_integers_of_camera(model, arguments.model, to, GainRange::kCalibratedOnly);
@@ -116,16 +124,13 @@ void run_renoise(RenoiseArguments arguments, const Common& common) {
   const auto names = output_names(arguments.inputs, arguments.folder,
                                   "_renoised." + arguments.format, arguments.guides);
   const OutputFolder output(arguments.folder);
-  for (const fs::path& name : names) {
-    require_ending_for(name, arguments.as_float ? SampleType::kFloat : SampleType::kUint16);
-    check_output(name, common.force);
-  }
+  for (const fs::path& name : names) check_output(name, common.force);
   const auto progress = make_progress(common);
   Json frames = Json::array();
   std::string text;
   SaveOptions save;
   save.force = common.force;
-  save.type = arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
+  save.type = sample_type(arguments);
   const auto work = [&] {
     for (std::size_t i = 0; i < names.size(); ++i) {
       check_stop(*progress);

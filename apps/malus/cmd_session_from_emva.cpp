@@ -28,8 +28,6 @@ void add_session_from_emva(CLI::App& app, Common& common) {
   CLI::App* command =
       add_command(app, common, "session-from-emva", "Convert EMVA1288_Data.txt to a session file",
                   {.force = true}, [arguments, &common] {
-                    if (const auto fault = fault_of({{arguments->gain_db, {}}, {}}, true))
-                      throw InputError("--gain", fault->problem, fault->remedy);
                     EmvaSession converted = load_emva_description(arguments->description);
                     Session& session = converted.session;
                     session.sensor.name = arguments->name;
@@ -57,7 +55,7 @@ void add_session_from_emva(CLI::App& app, Common& common) {
   command->add_option("-o,--output", arguments->output, "session file to write")->required();
   command->add_option("--name", arguments->name, "name of the sensor");
   command->add_option("--gain", arguments->gain_db, "camera gain of the measurement [dB]")
-      ->check(finite_number());
+      ->check(gain_in_db());
 }
 
 }  // namespace malus::app

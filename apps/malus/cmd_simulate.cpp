@@ -77,8 +77,15 @@ void write_truth(const SimulateArguments& arguments, const std::string& stem,
   save_picture(arguments.folder / (stem + kNormals), normals, {"X", "Y", "Z"}, save);
 }
 
+void check_usage(const SimulateArguments& arguments) {
+  as_usage([&] {
+    require_numbers_left("--first-scene", arguments.first_scene, std::ssize(arguments.inputs));
+    require_usable(arguments.response);
+  });
+}
+
 void run_simulate(const SimulateArguments& arguments, const Common& common) {
-  require_numbers_left("--first-scene", arguments.first_scene, std::ssize(arguments.inputs));
+  check_usage(arguments);
   const SensorLayout layout = SensorLayout::named(arguments.layout);
   const auto names = output_names(arguments.inputs, arguments.folder, "_clean." + arguments.format);
   const OutputFolder output(arguments.folder);

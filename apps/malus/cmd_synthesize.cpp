@@ -5,6 +5,7 @@
 #include "malus/base/text.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
+#include "malus/io/session.h"
 #include "malus/noise/model.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/noise/sensor_window.h"
@@ -21,6 +22,7 @@
 #include "flags.h"
 #include "frame_input.h"
 #include "networks_door.h"
+#include "output_check.h"
 #include "program.h"
 #include "raw_options.h"
 #include <fmt/format.h>
@@ -55,6 +57,8 @@ std::optional<GainSetting> gain_of(const SynthesizeArguments& arguments) {
   if (!gain.gain_db)
     throw CLI::ValidationError("--gain",
                                arguments.gain + " is not a gain: give a number in dB, or random");
+  if (const auto fault = fault_of({gain, {}}, true))
+    throw CLI::ValidationError("--gain", fault->problem + "; " + fault->remedy);
   return gain;
 }
 
@@ -184,6 +188,10 @@ FrameSource source_of(const SynthesizeArguments& arguments,
   return source;
 }
 
+SampleType sample_type(const SynthesizeArguments& arguments) {
+  return arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
+}
+
 std::vector<std::vector<fs::path>> plan_noisy_files(const SynthesizeArguments& arguments,
                                                     bool force) {
   std::vector<std::vector<fs::path>> plans(arguments.inputs.size());
@@ -191,7 +199,6 @@ std::vector<std::vector<fs::path>> plan_noisy_files(const SynthesizeArguments& a
     const auto names = output_names(arguments.inputs, arguments.folder,
                                     fmt::format("_{:03}.{}", n, arguments.format));
     for (std::size_t i = 0; i < names.size(); ++i) {
-      require_ending_for(names[i], arguments.as_float ? SampleType::kFloat : SampleType::kUint16);
       check_output(names[i], force);
       plans[i].push_back(names[i]);
     }
@@ -216,11 +223,19 @@ std::string frames_text(const Json& frames, bool with_black) {
   return text;
 }
 
+// A stack's frames are taken one by one.
+void take_clean_frames(SynthesizeArguments& arguments) {
+  require_format_for(arguments.format, sample_type(arguments));
+  arguments.inputs = frames_of_inputs(arguments.inputs, arguments.raw.resolve());
+  as_usage([&] {
+    require_numbers_left("--first-frame", arguments.first_frame,
+                         std::ssize(arguments.inputs) * std::int64_t{arguments.frames});
+  });
+}
+
 void run_synthesize(SynthesizeArguments arguments, const Common& common) {
   const auto gain = gain_of(arguments);
-  arguments.inputs = frames_of_inputs(arguments.inputs, arguments.raw.resolve());
-  require_numbers_left("--first-frame", arguments.first_frame,
-                       std::ssize(arguments.inputs) * std::int64_t{arguments.frames});
+  take_clean_frames(arguments);
   const FrameSource source = source_of(arguments, gain);
   require_headers(arguments.inputs, arguments.raw.resolve());
   const OutputFolder folder(arguments.folder);
@@ -230,7 +245,7 @@ void run_synthesize(SynthesizeArguments arguments, const Common& common) {
                   static_cast<std::int64_t>(plans.size()) * std::int64_t{arguments.frames});
   SaveOptions save;
   save.force = common.force;
-  save.type = arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
+  save.type = sample_type(arguments);
   Json frames = Json::array();
   std::string said;
   std::uint32_t number = arguments.first_frame;

@@ -1,7 +1,7 @@
 #include "flags.h"
 
-#include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/io/session.h"
 #include "malus/synthesize/exact.h"
 
 #include <charconv>
@@ -117,6 +117,15 @@ CLI::Validator accepted_by(std::function<void(const std::string&)> read) {
     } catch (const InputError& error) {
       return fmt::format("\"{}\" {}; {}", text, error.problem(), error.remedy());
     }
+  });
+}
+
+CLI::Validator gain_in_db() {
+  return CLI::Validator("").operation([](std::string& text) {
+    const auto value = decimal_number(text);
+    if (!value) return fmt::format("must be a finite number, not {}", text);
+    const auto fault = fault_of({{*value, {}}, {}}, true);
+    return fault ? fmt::format("{}; {}", fault->problem, fault->remedy) : std::string();
   });
 }
 

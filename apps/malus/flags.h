@@ -1,6 +1,7 @@
 // Checks of numeric flags; settings structs (base/parameter.h) to flags and to JSON.
 #pragma once
 
+#include "malus/base/error.h"
 #include "malus/base/frame_numbers.h"
 #include "malus/base/parameter.h"
 #include "malus/base/wording.h"
@@ -37,6 +38,8 @@ CLI::Validator finite_number();
 /// A whole number from 0 to maximum.
 CLI::Validator counting_number(std::uint64_t maximum);
 
+/// A camera's gain in dB (fault_of, malus/io/session.h).
+CLI::Validator gain_in_db();
 /// The number of a frame or scene.
 CLI::Validator frame_number();
 
@@ -47,6 +50,16 @@ CLI::Validator one_of(std::vector<std::string> choices);
 /// A text that `read` takes; its InputErrors are told as wrong usage: no file can make such a value
 /// right.
 CLI::Validator accepted_by(std::function<void(const std::string&)> read);
+
+/// work(), whose InputErrors are told as wrong usage, too.
+template <class Work>
+void as_usage(const Work& work) {
+  try {
+    work();
+  } catch (const InputError& error) {
+    throw CLI::ValidationError(error.subject(), error.problem() + "; " + error.remedy());
+  }
+}
 
 /// The values that Settings allows for its field of this name.
 template <class Settings>

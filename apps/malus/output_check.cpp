@@ -11,6 +11,7 @@
 #include <set>
 #include <system_error>
 
+#include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -88,6 +89,14 @@ void check_output_apart(const std::string& flag, const fs::path& path,
     throw InputError(fmt::format("{} {}", flag, path.string()),
                      "is the name of another result, which it would replace", "name another file");
   check_output(path, force);
+}
+
+void require_format_for(const std::string& format, SampleType type) {
+  try {
+    require_ending_for("result." + format, type);
+  } catch (const InputError& error) {
+    throw CLI::ValidationError("--format " + format, error.problem() + "; " + error.remedy());
+  }
 }
 
 std::vector<fs::path> files_read(const Session& session) {

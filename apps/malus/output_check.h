@@ -2,6 +2,7 @@
 // what a run works with.
 #pragma once
 
+#include "malus/io/picture_file.h"
 #include "malus/io/session.h"
 
 #include <filesystem>
@@ -16,6 +17,9 @@ namespace malus::app {
 void check_output_apart(const std::string& flag, const std::filesystem::path& path,
                         const std::vector<std::filesystem::path>& read,
                         const std::vector<std::filesystem::path>& written, bool force);
+
+/// Throws CLI::ValidationError, naming --format, where files of this ending cannot hold the type.
+void require_format_for(const std::string& format, SampleType type);
 
 /// What a command reads that works on a session: the session file and all its frames.
 std::vector<std::filesystem::path> files_read(const Session& session);

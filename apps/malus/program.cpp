@@ -222,8 +222,9 @@ void refuse_empty_values(const CLI::App& command) {
   for (const CLI::Option* option : command.get_options())
     for (const std::string& value : option->results())
       if (value.empty())
-        throw InputError(option->get_name(), "is given without a value, an empty text",
-                         "name one, or leave it out");
+        throw CLI::ValidationError(
+            option->get_name(),
+            "is given without a value, an empty text; name one, or leave it out");
 }
 
 }  // namespace

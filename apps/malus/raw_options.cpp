@@ -4,6 +4,7 @@
 #include "malus/base/text.h"
 #include "malus/image/black_levels.h"
 
+#include <algorithm>
 #include <map>
 #include <set>
 #include <tuple>
@@ -64,7 +65,7 @@ void RawOptions::add_to(CLI::App& command, With with) {
       ->group(group);
   if (with.gain) {
     auto* gain = command.add_option("--gain", gain_db_, "camera gain [dB]")
-                     ->check(finite_number())
+                     ->check(gain_in_db())
                      ->group(group);
     command.add_option("--iso", iso_, "camera gain as ISO")
         ->check(positive_number())
@@ -93,7 +94,23 @@ void RawOptions::add_to(CLI::App& command, With with) {
       ->group(group);
 }
 
+// Flags that contradict each other, whatever the frames are.
+void RawOptions::check_usage() const {
+  as_usage([&] {
+    if (!layout_.empty() && !black_dn_.empty())
+      black_per_channel(black_dn_, SensorLayout::named(layout_), "--black");
+  });
+  if (white_dn_ && std::ranges::any_of(black_dn_, [&](double dn) { return dn >= *white_dn_; }))
+    throw CLI::ValidationError(
+        "--black", fmt::format("{:g} DN is not below --white {:g} DN; correct one of them",
+                               *std::ranges::max_element(black_dn_), *white_dn_));
+  if (!raw_format_.empty() && size_.empty() && session_.empty())
+    throw CLI::ValidationError("--raw-format",
+                               "a headerless file needs its size; give --size (width and height)");
+}
+
 FrameOptions RawOptions::resolve() const {
+  check_usage();
   FrameOptions options;
   if (!layout_.empty()) options.layout = SensorLayout::named(layout_);
   options.black_dn = black_dn_;

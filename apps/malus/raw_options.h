@@ -25,7 +25,8 @@ class RawOptions {
   };
   void add_to(CLI::App& command) { add_to(command, With()); }
   void add_to(CLI::App& command, With with);
-  /// Flags over the session's [sensor]; reads the dark frames. Throws InputError.
+  /// Flags over the session's [sensor]; reads the dark frames. Throws InputError, and
+  /// CLI::ValidationError where flags contradict each other.
   FrameOptions resolve() const;
   /// Where a command has one kind of input: files hold what the flag (not the session) says.
   FloatBlack float_black() const {
@@ -37,6 +38,7 @@ class RawOptions {
   std::vector<std::filesystem::path> files_read() const;
 
  private:
+  void check_usage() const;
   std::string layout_, raw_format_, size_;
   std::vector<double> black_dn_;
   std::vector<std::filesystem::path> dark_;

@@ -56,6 +56,20 @@ def refused(malus):
 
 
 @pytest.fixture
+def misused(malus):
+    """misused(*arguments): exit code 2, of what no file could make right; the line on stderr, which --help follows, is returned."""
+
+    def run(*arguments, **options):
+        result = malus(*arguments, code=2, **options)
+        line, helped = result.err.splitlines()
+        assert line.startswith("malus: ") and helped == "Run with --help for usage."
+        assert result.out == ""
+        return line
+
+    return run
+
+
+@pytest.fixture
 def shared():
     """The reference data; tests skip where it is absent."""
     folder = pathlib.Path(os.environ.get("MALUS_SHARED_DATA", ROOT.parent / "shared" / "data"))

@@ -91,7 +91,7 @@ def test_what_is_cut_off_at_0_is_told(malus, camera, tmp_path):  # noqa: F811
     assert "too bright" in made.err
 
 
-def test_what_is_no_burst_is_refused(malus, refused, camera, tmp_path):  # noqa: F811
+def test_what_is_no_burst_is_refused(malus, refused, misused, camera, tmp_path):  # noqa: F811
     camera["read"] = 2.0
     files = burst(camera, tmp_path / "burst", frames=3)
     out = ("-o", tmp_path / "mean.tif")
@@ -99,7 +99,7 @@ def test_what_is_no_burst_is_refused(malus, refused, camera, tmp_path):  # noqa:
     np.save(tmp_path / "other.npy", np.zeros((8, 8), np.uint16))
     assert "other.npy" in refused("average", files[0], tmp_path / "other.npy", *out)
     assert "is given twice" in refused("average", *files, tmp_path / "burst" / ".." / "burst" / files[0].name, *out)
-    assert "no floating-point values" in refused("average", *files, "-o", tmp_path / "mean.png")
+    assert "no floating-point values" in misused("average", *files, "-o", tmp_path / "mean.png")
     assert not (tmp_path / "mean.tif").exists()
     assert "is an input" in refused("average", *files, "-o", files[0], "--force")
     malus("average", *files, "--layout", "polar-mono", "--black", camera["black"], *out)

@@ -1,4 +1,4 @@
-"""Flags and their values that no file could make right: one line, nothing written; exit code 2, or 1 of an empty value."""
+"""Flags and their values that no file could make right: one line, nothing written; exit code 2."""
 
 import re
 import subprocess
@@ -65,6 +65,21 @@ def test_a_training_s_folder_for_a_method_points_at_its_weights(malus, tmp_path)
     assert "is a folder; give the weights in it: run/weights.safetensors" in told[1]
     (tmp_path / "bm3d").mkdir()  # a method's name is the method's
     assert "f.npy" in malus("denoise", "f.npy", "-o", "out", "--method", "bm3d", code=1, cwd=tmp_path).err
+
+
+@pytest.mark.parametrize("command,words", [
+    ("simulate p.png -o out --color-matrix 1 0 0 1 0 0 0 0 1", "--color-matrix: cannot be inverted"),
+    ("denoise f.npy -o out --format png", "--format png: holds no float values"),
+    ("denoise f.npy -o out --reference r.npy --reference-black nan", "--reference-black: must be a finite number, not nan"),
+    ("synthesize f.npy -m m -o out --gain 1600", "--gain: is 1600 dB, beyond any camera's"),
+    ("model show imx250mzr-simulated --gain 1600", "--gain: is 1600 dB, beyond any camera's"),
+    ("info f.npy --gain 101", "--gain: is 101 dB, beyond any camera's"),
+    ("info f.npy --layout mono --black 1,2", "--black: 2 black levels for the 1 channel of mono"),
+    ("average f.npy g.npy -o mean.png", "mean.png: PNG holds no floating-point values"),
+    ("average f.npy g.npy -o mean.jpg", 'mean.jpg: the ending ".jpg" cannot be written')])
+def test_flags_that_are_wrong_by_themselves_are_wrong_usage(misused, tmp_path, command, words):
+    assert words in misused(*command.split(), cwd=tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("arguments", [["denois"], ["denoise"], ["info", "--wat"], ["synthesize", "--gain", "x"], []])
@@ -145,11 +160,11 @@ def test_no_whole_number_is_read_as_octal(malus, tmp_path):
     ("experiment table1 t.toml --scenes s", "-o"), ("model from-dng f.dng", "-o"), ("manual", "-o"),
     ("denoise f.npy -o out", "--model"), ("denoise f.npy -o out", "--report"), ("evaluate --test f.npy", "--reference"),
 ])
-def test_an_empty_value_is_refused_before_anything_is_done(refused, tmp_path, command, flag):
+def test_an_empty_value_is_refused_before_anything_is_done(misused, tmp_path, command, flag):
     """As of a shell's variable that is not set: the current folder is no place for results."""
     np.save(tmp_path / "f.npy", np.full((16, 16), 300, np.uint16))
     words = [tmp_path / word if word == "f.npy" else word for word in command.split()]
-    line = refused(*words, flag, "", cwd=tmp_path)
+    line = misused(*words, flag, "", cwd=tmp_path)
     assert line == f"malus: {'--output' if flag == '-o' else flag}: is given without a value, an empty text; name one, or leave it out"
     assert [path.name for path in tmp_path.iterdir()] == ["f.npy"]
 

@@ -52,6 +52,6 @@ def test_chosen_networks_alone_are_timed(malus, tmp_path):
     assert '--network: "unett" is no network of this benchmark; did you mean unet? known: ' in told and "nafnet-32" in told
 
 
-def test_networks_and_devices_are_for_the_networks(refused):
-    assert "--network" in refused("bench", "--only", "bm3d", "--network", "unet", "--quick", "-q")
-    assert "--device cuda" in refused("bench", "--only", "bm3d", "--device", "cuda", "--quick", "-q")
+def test_networks_and_devices_are_for_the_networks(misused):
+    assert "--network" in misused("bench", "--only", "bm3d", "--network", "unet", "--quick", "-q")
+    assert "--device cuda" in misused("bench", "--only", "bm3d", "--device", "cuda", "--quick", "-q")

@@ -114,7 +114,7 @@ def negated(path):
     return out.getvalue()
 
 
-def test_checkpoints_that_do_not_fit_are_refused(refused, tmp_path):
+def test_checkpoints_that_do_not_fit_are_refused(refused, misused, tmp_path):
     out = tmp_path / "w.safetensors"
     fitting = json.dumps(NETWORKS["unet"][1])
 
@@ -141,14 +141,15 @@ def test_checkpoints_that_do_not_fit_are_refused(refused, tmp_path):
     assert 'conv2_1.bias" holds values' in line({k: v * float("nan") if k == "conv2_1.bias" else v for k, v in state.items()})
     torch.save(state, tmp_path / "old.pth", _use_new_zipfile_serialization=False)
     assert "before 1.6" in line((tmp_path / "old.pth").read_bytes())
-    assert "unet" in line(state, architecture="unett")
     assert "levels" in line(state, settings='{"levels": 100}')
     assert "values" in line(state, settings='{"levels": 8, "width": 8}')
     assert "--package" in line(state, extra=["--package", '{"domian": "linear"}'])
     (tmp_path / "own.safetensors").write_bytes(whole)
-    for named, words in (("own.safetensors", "is an input"), ("w.pth", "end in .safetensors")):
-        assert words in refused("model", "import-weights", tmp_path / "own.safetensors", "--architecture", "unet", "-o",
-                                tmp_path / named, "--force")
+    run = ["model", "import-weights", tmp_path / "own.safetensors", "--architecture", "unet", "--force"]
+    assert "is an input" in refused(*run, "-o", tmp_path / "own.safetensors")
+    assert "end in .safetensors" in misused(*run, "-o", tmp_path / "w.pth")
+    assert "--settings: [4] is no JSON object" in misused(*run, "-o", out, "--settings", "[4]")
+    assert '--architecture: "unett" is none; did you mean unet? known: ' in misused(*run[:3], "--architecture", "unett", "-o", out)
     assert (tmp_path / "own.safetensors").read_bytes() == whole
 
 

@@ -108,7 +108,7 @@ def png(rows, cols, value=0):
             + chunk(b"IDAT", zlib.compress(line * rows)) + chunk(b"IEND", b""))
 
 
-def test_bad_files_give_one_line(refused, malus, tmp_path):
+def test_bad_files_give_one_line(refused, misused, malus, tmp_path):
     good = png(32, 48, 700)
     file = tmp_path / "a.png"
     file.write_bytes(good)
@@ -125,9 +125,9 @@ def test_bad_files_give_one_line(refused, malus, tmp_path):
     (tmp_path / "text.tif").write_text("no picture")
     assert "not a picture of a known type" in refused("info", tmp_path / "text.tif")
     assert "3 channels" in refused("info", save(tmp_path / "rgb.npy", np.zeros((9, 9, 3))))
-    assert "not below white" in refused("info", file, "--black", 900, "--white", 800)
+    assert "--black: 900 DN is not below --white 800 DN" in misused("info", file, "--black", 900, "--white", 800)
     assert "need" in refused("info", file, "--raw-format", "mono8", "--size", "9x9")
-    assert "size" in refused("info", file, "--raw-format", "mono8")
+    assert "size" in misused("info", file, "--raw-format", "mono8")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
@@ -151,7 +151,7 @@ def test_usage(malus):
     assert "--raw-format" in malus("info", "--help").out
 
 
-def test_emva_description(malus, refused, tmp_path):
+def test_emva_description(malus, refused, misused, tmp_path):
     (tmp_path / "d.txt").write_text("v 3.0\nn 16 4 4\nb 1000 5\ni i\\b.png\ni i\\gone.png\nd 1000\ni i\\d.png\n")
     (tmp_path / "i").mkdir()
     for name in "bd":
@@ -169,7 +169,7 @@ def test_emva_description(malus, refused, tmp_path):
         before = (tmp_path / read).read_bytes()
         line = refused("session-from-emva", tmp_path / "d.txt", "-o", tmp_path / read, "--force")
         assert f"{read}: is an input and would be replaced" in line and (tmp_path / read).read_bytes() == before
-    line = refused("session-from-emva", tmp_path / "d.txt", "-o", tmp_path / "t.toml", "--gain", 200)
+    line = misused("session-from-emva", tmp_path / "d.txt", "-o", tmp_path / "t.toml", "--gain", 200)
     assert "--gain: is 200 dB, beyond any camera's" in line
     assert sorted(p.name for p in tmp_path.iterdir()) == ["d.txt", "i", "s.toml"]
     assert json.loads(malus("info", "--json", tmp_path / "i" / "b.png", "--session", out).out)["white"] == 65535

@@ -360,11 +360,11 @@ def test_a_reference_of_codes_beside_floats_is_told(malus, tmp_path):
     assert "codes.npy" not in malus(*run, "--reference-black", 82).err
 
 
-def test_endings_that_cannot_hold_the_results_are_refused_before_the_work(refused, tmp_path):
+def test_endings_that_cannot_hold_the_results_are_refused_before_the_work(misused, tmp_path):
     for name in ("clean", "raw"):  # nothing could be made of them: this would be said first
         np.save(tmp_path / f"{name}.npy", np.full((64, 64), np.nan, np.float32))
     model = ["--model", "imx250mzr-simulated", "-o", tmp_path / "out"]
     for command in (["synthesize", tmp_path / "clean.npy", "--gain", 12], ["renoise", tmp_path / "raw.npy", "--from", 6, "--to", 12]):
-        assert "no floating-point values" in refused(*command, *model, "--float", "--format", "png")
-        assert "no 8 or 16 bit integers" in refused(*command, *model, "--format", "exr")
+        assert "--format png: PNG holds no floating-point values" in misused(*command, *model, "--float", "--format", "png")
+        assert "--format exr: EXR holds no 8 or 16 bit integers" in misused(*command, *model, "--format", "exr")
     assert not (tmp_path / "out").exists()

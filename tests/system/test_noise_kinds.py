@@ -128,7 +128,7 @@ def write_dng(path, pairs):
     return path
 
 
-def test_noise_profile_of_a_dng_becomes_a_model(malus, refused, tmp_path):
+def test_noise_profile_of_a_dng_becomes_a_model(malus, refused, misused, tmp_path):
     pairs = [(4e-4, 2e-6), (3e-4, 1e-6), (5e-4, 3e-6)]  # red, green, blue
     frame = write_dng(tmp_path / "frame.dng", pairs)
     facts = ["--layout", "bayer-grbg", "--black", 64, "--white", 1064, "--iso", 800]
@@ -149,8 +149,8 @@ def test_noise_profile_of_a_dng_becomes_a_model(malus, refused, tmp_path):
     assert "that is none" in refused("model", "from-dng", write_dng(tmp_path / "no.dng", []), *facts, "-o", tmp_path / "n.h5")
     refused("model", "from-dng", tmp_path / "flat.npy", *facts, "-o", tmp_path / "n.h5")
     refused("model", "from-dng", frame, *facts, "-o", tmp_path / "m.h5")
-    three = refused("model", "from-dng", frame, *facts[:3], "64,65,66", *facts[4:], "-o", tmp_path / "n.h5")
-    assert "frame.dng: 3 black levels for the 4 channels of bayer-grbg; give one number, or one per channel" in three
+    three = misused("model", "from-dng", frame, *facts[:3], "64,65,66", *facts[4:], "-o", tmp_path / "n.h5")
+    assert "--black: 3 black levels for the 4 channels of bayer-grbg; give one number, or one per channel" in three
     # A frame that nobody here decodes, a JPEG-XL DNG for one: what to do is said.
     told = refused("model", "from-dng", frame, *facts[:4], "-o", tmp_path / "n.h5")
     assert "frame.dng" in told and "without its pixels: give --layout, --black and --white" in told

@@ -313,16 +313,16 @@ def test_jpeg_is_clean_material_and_no_measurement(malus, refused, tmp_path):
 
 # numbers of frames and scenes
 
-def test_frame_numbers_do_not_come_round(malus, refused, tmp_path):
+def test_frame_numbers_do_not_come_round(malus, misused, tmp_path):
     np.save(tmp_path / "flat.npy", np.full((16, 16), 300, np.float32))
     common = [tmp_path / "flat.npy", "-m", MODEL, "--gain", 6, "-o", tmp_path / "out"]
-    assert "--first-frame 4294967295" in refused("synthesize", *common, "--first-frame", 2**32 - 1, "--frames", 2)
+    assert "--first-frame 4294967295" in misused("synthesize", *common, "--first-frame", 2**32 - 1, "--frames", 2)
     assert not (tmp_path / "out").exists()
     malus("synthesize", *common, "--first-frame", 2**32 - 2, "--frames", 2)
     Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "a.png")
     Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "b.png")
     pictures = [tmp_path / "a.png", tmp_path / "b.png", "-o", tmp_path / "clean"]
-    assert "--first-scene 4294967295" in refused("simulate", *pictures, "--first-scene", 2**32 - 1)
+    assert "--first-scene 4294967295" in misused("simulate", *pictures, "--first-scene", 2**32 - 1)
     malus("simulate", *pictures, "--first-scene", 2**32 - 2)
 
 

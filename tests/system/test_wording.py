@@ -27,9 +27,9 @@ def test_settings_that_messages_name_are_flags_of_the_program():
     assert not [(name, path) for name, path in named if name.replace("_", "-") not in flags]
 
 
-def test_the_program_writes_settings_as_flags(refused, tmp_path):
+def test_the_program_writes_settings_as_flags(refused, misused, tmp_path):
     (tmp_path / "f.raw").write_bytes(bytes(64))
-    line = refused("info", tmp_path / "f.raw", "--raw-format", "mono8")
+    line = misused("info", tmp_path / "f.raw", "--raw-format", "mono8")
     assert line.endswith("a headerless file needs its size; give --size (width and height)")
     line = refused("synthesize", tmp_path / "f.raw", "--model", "imx250myr-simulated", "--kind", "gaussian", "-o", tmp_path / "out")
     assert line.endswith("holds no gaussian model; calibrate with --kind gaussian, or give another --kind")

@@ -197,12 +197,18 @@ Planes whole_cells(const Planes& planes, const SensorLayout& layout, const std::
   return cropped;
 }
 
-Planes camera_rgb_of(const Planes& linear_rgb, const CameraResponse& response) {
-  MALUS_REQUIRE(linear_rgb.channels() == 3 || linear_rgb.channels() == 1);
+void require_usable(const CameraResponse& response) {
   const auto& balance = response.white_balance;
   if (!balance.empty() && balance.size() != 3)
     throw InputError(setting_name("white_balance"),
                      fmt::format("has {}", counted(std::ssize(balance), "number")), "give three");
+  if (!response.color_matrix.empty()) inverse_of(response.color_matrix);
+}
+
+Planes camera_rgb_of(const Planes& linear_rgb, const CameraResponse& response) {
+  MALUS_REQUIRE(linear_rgb.channels() == 3 || linear_rgb.channels() == 1);
+  require_usable(response);
+  const auto& balance = response.white_balance;
   Matrix m{1, 0, 0, 0, 1, 0, 0, 0, 1};
   if (!response.color_matrix.empty()) m = inverse_of(response.color_matrix);
   const double scale = response.white_dn * response.exposure;

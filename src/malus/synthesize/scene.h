@@ -80,9 +80,11 @@ std::int64_t nonfinite_light(const Planes& picture, const std::vector<std::strin
 /// which names `source`, where they do not fill one.
 Planes whole_cells(const Planes& planes, const SensorLayout& layout, const std::string& source);
 
-/// Linear sRGB -> camera RGB in DN above black: matrix and white balance undone, scaled to white.
 /// Throws InputError on a matrix that is not 3 x 3 or cannot be inverted, or a balance not of
 /// three.
+void require_usable(const CameraResponse& response);
+/// Linear sRGB -> camera RGB in DN above black: matrix and white balance undone, scaled to white.
+/// Throws as require_usable.
 Planes camera_rgb_of(const Planes& linear_rgb, const CameraResponse& response);
 
 /// Unpolarized light: S0 = light, S1 = S2 = 0; so a polarizer passes half.
