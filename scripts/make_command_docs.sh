@@ -25,6 +25,9 @@ document() {
   echo "hold; 130 stopped by SIGTERM, or by Ctrl-C as a shell sees it: the program then ends by SIGINT itself, so that a shell's loop"
   echo "ends with it. Outputs appear whole or not at all; those that exist are replaced with \`--force\` only."
   echo
+  echo "A flag that takes several words (\`--kind physics gaussian\`, or \`physics,gaussian\` where help says so) ends with the first word that"
+  echo "is none of its own. Of files nobody can tell: their list goes on to the next flag, or to \`--\`."
+  echo
   echo "A file that holds several frames, a [stack](session.md#stacks), counts as its frames where a command takes several, and"
   echo "results are named by them: \`stack_000_denoised.tif\`. \`stack.tif[3]\` names one of them, counted from 0."
   echo

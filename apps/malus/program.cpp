@@ -20,6 +20,7 @@
 #include <system_error>
 #include <vector>
 
+#include "argument_lists.h"
 #include "flags.h"
 #include "live_progress.h"
 #include <fmt/format.h>
@@ -209,7 +210,8 @@ std::string usage_problem(const CLI::App& program, const CLI::ParseError& error)
   for (const CLI::App* command : at->get_subcommands([](const CLI::App*) { return true; }))
     commands.push_back(command->get_name());
   if (commands.empty() || dynamic_cast<const CLI::RequiredError*>(&error) == nullptr)
-    return plain_words(error.what());
+    return plain_words(error.what()) +
+           (dynamic_cast<const CLI::RequiredError*>(&error) ? taken_by_lists(*at) : "");
   const auto words = at->remaining();
   if (words.empty()) return "a command is missing; there are " + joined(commands);
   return fmt::format("{}: is no command; {}there are {}", words.front(),
@@ -336,7 +338,9 @@ std::unique_ptr<Progress> make_live_progress(const Common& common,
 
 int run_program(CLI::App& app, int argc, char** argv) {
   try {
-    app.parse(argc, argv);
+    std::vector<std::string> arguments = with_lists_ended(app, {argv + 1, argv + argc});
+    std::ranges::reverse(arguments);  // as the parser takes them
+    app.parse(std::move(arguments));
     say_how_often();
     return 0;
   } catch (const CLI::ParseError& error) {

@@ -67,6 +67,23 @@ def test_a_training_s_folder_for_a_method_points_at_its_weights(malus, tmp_path)
     assert "f.npy" in malus("denoise", "f.npy", "-o", "out", "--method", "bm3d", code=1, cwd=tmp_path).err
 
 
+@pytest.mark.parametrize("words", [
+    "calibrate --kind physics s.toml -o m.h5", "calibrate --kind physics gaussian s.toml -o m.h5", "calibrate --kind physics,gaussian s.toml -o m.h5",
+    "calibrate --kind=physics s.toml -o m.h5", "calibrate --kind physics -- s.toml -o m.h5", "calibrate -o m.h5 --kind physics s.toml",
+    "experiment denoise --cases 12:10 12:60 --methods bm3d nl-ridge/fast s.toml --crop 64",
+    "experiment uncertainty --methods bm3d s.toml", "experiment denoise --methods bm3d --cases 12:10 s.toml -q"])
+def test_a_list_of_words_ends_where_they_do(refused, tmp_path, words):
+    """What follows is the positional; all of these ask for s.toml, which is not there."""
+    assert refused(*words.split(), cwd=tmp_path).startswith("malus: s.toml: ")
+
+
+def test_a_list_of_files_that_took_the_positional_is_told(malus, tmp_path):
+    told = malus("denoise", "--dark", "d.npy", "f.npy", "-o", "out", code=2, cwd=tmp_path).err
+    assert told.startswith("malus: RAW is required; --dark took d.npy, f.npy: write -- behind the last of its own\n")
+    assert "d.npy: does not exist" in malus("denoise", "--dark", "d.npy", "--", "f.npy", "-o", "out", code=1, cwd=tmp_path).err
+    assert "took" not in malus("denoise", "--dark", "d.npy", "-o", "out", code=2, cwd=tmp_path).err
+
+
 @pytest.mark.parametrize("command,words", [
     ("simulate p.png -o out --color-matrix 1 0 0 1 0 0 0 0 1", "--color-matrix: cannot be inverted"),
     ("denoise f.npy -o out --format png", "--format png: holds no float values"),
