@@ -23,7 +23,8 @@ document() {
   echo "terminal only) go to standard error; an error is one line: which file, what is wrong, what to do. Exit codes: 0 done; 1 the"
   echo "input or the machine is at fault; 2 wrong usage: flags that exclude each other, or a value that is wrong whatever the files"
   echo "hold; 130 stopped by SIGTERM, or by Ctrl-C as a shell sees it: the program then ends by SIGINT itself, so that a shell's loop"
-  echo "ends with it. Outputs appear whole or not at all; those that exist are replaced with \`--force\` only."
+  echo "ends with it. Outputs appear whole or not at all; those that exist are replaced with \`--force\` only, and so is the same result in"
+  echo "another format: where \`--format exr\` is asked for and \`frame_denoised.tif\` is there, \`--force\` takes it away."
   echo
   echo "A flag that takes several words (\`--kind physics gaussian\`, or \`physics,gaussian\` where help says so) ends with the first word that"
   echo "is none of its own. Of files nobody can tell: their list goes on to the next flag, or to \`--\`."

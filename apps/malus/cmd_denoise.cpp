@@ -85,8 +85,7 @@ struct FrameJob {
   fs::path input;
   Reference reference;  ///< its path may be empty
   OutputNames names;
-  std::vector<fs::path> stale;  ///< to be removed as the result is replaced
-  bool last = false;            ///< no other needs the model's maps
+  bool last = false;  ///< no other needs the model's maps
 };
 
 // A frame to denoise. The denoiser takes the pixels, so `described` is the frame without them.
@@ -154,6 +153,7 @@ class DenoiseRun {
     run["network"] = denoiser_.description();
     run["target"] = network_target_name(denoiser_.target());
     run["scale_dn"] = result.scale_dn;
+    for (const fs::path& path : job.names.stale) fs::remove(path);
     save_result_picture(job.names.picture, std::move(result.picture), denoiser_.target(), force_);
     run["files"] = {job.names.picture.string()};
     run["warnings"] = take_warnings();
@@ -181,7 +181,7 @@ class DenoiseRun {
                                               fate_of_nonfinite(/*as_float=*/false)));
     kept.run = run_json(summary, choice);
     if (!network.is_null()) kept.run["network"] = network;
-    for (const fs::path& path : job.stale) fs::remove(path);
+    for (const fs::path& path : job.names.stale) fs::remove(path);
     kept.run["files"] = write_outputs(kept.before, choice.profile, result, job.names, force_);
     kept.after_dn = std::move(result.dn_above_black);
     if (result.variance_dn2) kept.variance_dn2 = std::move(*result.variance_dn2);
@@ -314,13 +314,12 @@ void run_denoise(DenoiseArguments arguments, const Common& common) {
   std::vector<FrameRecord> records;
   const auto work = [&] {
     for (std::size_t i = 0; i < arguments.inputs.size(); ++i)
-      records.push_back(run.process(
-          {arguments.inputs[i],
-           {arguments.references.empty() ? fs::path() : arguments.references[i],
-            arguments.reference_ratio, arguments.reference_black_dn},
-           names[i],
-           common.force ? stale_files(arguments, arguments.inputs[i]) : std::vector<fs::path>(),
-           i + 1 == arguments.inputs.size()}));
+      records.push_back(
+          run.process({arguments.inputs[i],
+                       {arguments.references.empty() ? fs::path() : arguments.references[i],
+                        arguments.reference_ratio, arguments.reference_black_dn},
+                       names[i],
+                       i + 1 == arguments.inputs.size()}));
     if (!arguments.report.empty()) write_denoise_report(report, arguments.report, common.force);
   };
   work_and_print(work, [&] { print_records(arguments, records, common); });
@@ -344,7 +343,7 @@ void add_denoise(CLI::App& app, Common& common) {
       ->add_option("--format", arguments->format,
                    "ending of the denoised mosaic, or of a network's picture (srgb: 16 bit in tif "
                    "and png)")
-      ->check(one_of({"tif", "png", "exr", "npy", "fits"}))
+      ->check(one_of(denoised_formats()))
       ->capture_default_str();
   command->add_flag("--planes", arguments->planes, "also the packed planes as EXR");
   command->add_flag("--uncertainty", arguments->uncertainty,

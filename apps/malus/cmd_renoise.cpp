@@ -96,6 +96,8 @@ SampleType sample_type(const RenoiseArguments& arguments) {
   return arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
 }
 
+std::vector<std::string> renoised_formats() { return {"tif", "png", "fits", "npy", "exr"}; }
+
 // A stack's frames are taken one by one.
 void take_noisy_frames(RenoiseArguments& arguments, const FrameOptions& options) {
   arguments.inputs = frames_of_inputs(arguments.inputs, options);
@@ -106,6 +108,18 @@ void take_noisy_frames(RenoiseArguments& arguments, const FrameOptions& options)
     require_numbers_left("--first-frame", arguments.first_frame, std::ssize(arguments.inputs));
   });
   require_headers(arguments.inputs, options);
+}
+
+std::vector<PlannedFile> plan_renoised_files(const RenoiseArguments& arguments,
+                                             const std::vector<fs::path>& names, bool force) {
+  std::vector<fs::path> read = arguments.inputs;
+  read.insert(read.end(), arguments.guides.begin(), arguments.guides.end());
+  std::vector<PlannedFile> plans;
+  for (const fs::path& name : names) {
+    check_output(name, force);
+    plans.push_back({name, left_in_other_formats(name, renoised_formats(), read, force)});
+  }
+  return plans;
 }
 
 void run_renoise(RenoiseArguments arguments, const Common& common) {
@@ -124,7 +138,7 @@ void run_renoise(RenoiseArguments arguments, const Common& common) {
   const auto names = output_names(arguments.inputs, arguments.folder,
                                   "_renoised." + arguments.format, arguments.guides);
   const OutputFolder output(arguments.folder);
-  for (const fs::path& name : names) check_output(name, common.force);
+  const std::vector<PlannedFile> plans = plan_renoised_files(arguments, names, common.force);
   const auto progress = make_progress(common);
   Json frames = Json::array();
   std::string text;
@@ -132,7 +146,7 @@ void run_renoise(RenoiseArguments arguments, const Common& common) {
   save.force = common.force;
   save.type = sample_type(arguments);
   const auto work = [&] {
-    for (std::size_t i = 0; i < names.size(); ++i) {
+    for (std::size_t i = 0; i < plans.size(); ++i) {
       check_stop(*progress);
       const fs::path& input = arguments.inputs[i];
       RawFrame frame = load_noisy(arguments, input, options, model, from);
@@ -141,12 +155,13 @@ void run_renoise(RenoiseArguments arguments, const Common& common) {
       const DrawAddress address{.seed = common.seed,
                                 .frame = arguments.first_frame + static_cast<std::uint32_t>(i)};
       coverage.add(renoiser.apply(frame.dn, result, address));
-      save_frame(names[i], renoised_frame(arguments, model, to, std::move(result)), save);
+      for (const fs::path& path : plans[i].stale) fs::remove(path);
+      save_frame(plans[i].name, renoised_frame(arguments, model, to, std::move(result)), save);
       frames.push_back({{"input", arguments.inputs[i].string()},
-                        {"output", names[i].string()},
+                        {"output", plans[i].name.string()},
                         {"frame", address.frame}});
-      text += fmt::format("{} <- {}: {} -> {}\n", names[i].string(), arguments.inputs[i].string(),
-                          from.text(), to.text());
+      text += fmt::format("{} <- {}: {} -> {}\n", plans[i].name.string(),
+                          arguments.inputs[i].string(), from.text(), to.text());
     }
   };
   const auto print = [&] {
@@ -191,7 +206,7 @@ void add_renoise(CLI::App& app, Common& common) {
       ->check(frame_number());
   command->add_flag("--float", arguments->as_float, "write DN above black, unrounded");
   command->add_option("--format", arguments->format, "ending of the results")
-      ->check(one_of({"tif", "png", "fits", "npy", "exr"}))
+      ->check(one_of(renoised_formats()))
       ->capture_default_str();
   DenoiseSettings::describe(arguments->guide, [&](auto& value, const ParameterInfo& info) {
     if constexpr (std::is_same_v<decltype(value), double&>)

@@ -4,6 +4,7 @@
 #include "malus/io/picture_file.h"
 #include "malus/synthesize/scene.h"
 
+#include <array>
 #include <filesystem>
 #include <iterator>
 #include <memory>
@@ -11,6 +12,7 @@
 
 #include "flags.h"
 #include "frame_input.h"
+#include "output_check.h"
 #include "program.h"
 #include "raw_options.h"
 #include <fmt/format.h>
@@ -41,13 +43,36 @@ Planes load_linear(const fs::path& path, const std::string& tone, const SensorLa
 constexpr const char *kS0 = "_s0.exr", *kS1 = "_s1.exr", *kS2 = "_s2.exr", *kDolp = "_dolp.exr",
                      *kAolp = "_aolp.exr", *kNormals = "_normals.exr";
 
+constexpr std::array<const char*, 6> kTruth = {kS0, kS1, kS2, kDolp, kAolp, kNormals};
+
+std::vector<std::string> mosaic_formats() { return {"tif", "npy", "fits", "exr"}; }
+
+bool writes(const SimulateArguments& arguments, const char* suffix) {
+  return arguments.truth && (suffix != kNormals || arguments.polarized);
+}
+
 // As the mosaics before the work: none may exist already or be a picture that is read.
 void check_truth_files(const SimulateArguments& arguments, bool force) {
-  for (const char* suffix : {kS0, kS1, kS2, kDolp, kAolp, kNormals}) {
-    if (suffix == kNormals && !arguments.polarized) continue;
-    for (const fs::path& name : output_names(arguments.inputs, arguments.folder, suffix))
-      check_output(name, force);
-  }
+  for (const char* suffix : kTruth)
+    if (writes(arguments, suffix))
+      for (const fs::path& name : output_names(arguments.inputs, arguments.folder, suffix))
+        check_output(name, force);
+}
+
+// What goes as a mosaic is written: the same in another format, and of the scene that it shows no
+// more the truth that is not written again.
+std::vector<fs::path> stale_files(const SimulateArguments& arguments, const fs::path& input,
+                                  const fs::path& mosaic, bool force) {
+  std::vector<fs::path> stale =
+      left_in_other_formats(mosaic, mosaic_formats(), arguments.inputs, force);
+  const bool replaces = !stale.empty() || fs::exists(mosaic);
+  std::vector<fs::path> truth;
+  for (const char* suffix : kTruth)
+    if (replaces && !writes(arguments, suffix))
+      truth.push_back(arguments.folder / (stem_of(input) + suffix));
+  truth = existing_apart(truth, arguments.inputs);
+  stale.insert(stale.end(), truth.begin(), truth.end());
+  return stale;
 }
 
 void write_truth(const SimulateArguments& arguments, const std::string& stem,
@@ -77,6 +102,16 @@ void write_truth(const SimulateArguments& arguments, const std::string& stem,
   save_picture(arguments.folder / (stem + kNormals), normals, {"X", "Y", "Z"}, save);
 }
 
+std::vector<PlannedFile> plan_mosaics(const SimulateArguments& arguments,
+                                      const std::vector<fs::path>& names, bool force) {
+  for (const fs::path& name : names) check_output(name, force);
+  check_truth_files(arguments, force);
+  std::vector<PlannedFile> plans;
+  for (std::size_t i = 0; i < names.size(); ++i)
+    plans.push_back({names[i], stale_files(arguments, arguments.inputs[i], names[i], force)});
+  return plans;
+}
+
 void check_usage(const SimulateArguments& arguments) {
   as_usage([&] {
     require_numbers_left("--first-scene", arguments.first_scene, std::ssize(arguments.inputs));
@@ -89,17 +124,16 @@ void run_simulate(const SimulateArguments& arguments, const Common& common) {
   const SensorLayout layout = SensorLayout::named(arguments.layout);
   const auto names = output_names(arguments.inputs, arguments.folder, "_clean." + arguments.format);
   const OutputFolder output(arguments.folder);
-  for (const fs::path& name : names) check_output(name, common.force);
-  if (arguments.truth) check_truth_files(arguments, common.force);
+  const std::vector<PlannedFile> plans = plan_mosaics(arguments, names, common.force);
   const auto progress = make_progress(common);
-  progress->begin("simulate", static_cast<std::int64_t>(names.size()));
+  progress->begin("simulate", static_cast<std::int64_t>(plans.size()));
   SaveOptions save;
   save.force = common.force;
   save.type = SampleType::kFloat;
   Json frames = Json::array();
   std::string text;
   const auto work = [&] {
-    for (std::size_t i = 0; i < names.size(); ++i) {
+    for (std::size_t i = 0; i < plans.size(); ++i) {
       check_stop(*progress);
       const Planes camera = camera_rgb_of(load_linear(arguments.inputs[i], arguments.tone, layout),
                                           arguments.response);
@@ -115,16 +149,18 @@ void run_simulate(const SimulateArguments& arguments, const Common& common) {
       frame.black_dn.assign(static_cast<std::size_t>(layout.channels()), 0.0);
       frame.white_dn = arguments.response.white_dn;
       frame.black_known = frame.white_known = frame.layout_known = true;
-      save_frame(names[i], frame, save);
+      for (const fs::path& path : plans[i].stale) fs::remove(path);
+      save_frame(plans[i].name, frame, save);
       if (arguments.truth)
         write_truth(arguments, stem_of(arguments.inputs[i]), scene, common.force);
       frames.push_back({{"input", arguments.inputs[i].string()},
-                        {"output", names[i].string()},
+                        {"output", plans[i].name.string()},
                         {"scene", number},
                         {"rows", frame.dn.rows()},
                         {"cols", frame.dn.cols()}});
-      text += fmt::format("{} <- {}: {} x {} {}\n", names[i].string(), arguments.inputs[i].string(),
-                          frame.dn.cols(), frame.dn.rows(), layout.name());
+      text += fmt::format("{} <- {}: {} x {} {}\n", plans[i].name.string(),
+                          arguments.inputs[i].string(), frame.dn.cols(), frame.dn.rows(),
+                          layout.name());
       progress->advance(1);
     }
   };
@@ -170,7 +206,7 @@ void add_simulate(CLI::App& app, Common& common) {
   command->add_option("--first-scene", arguments->first_scene, "number of the first scene")
       ->check(frame_number());
   command->add_option("--format", arguments->format, "ending of the mosaics")
-      ->check(one_of({"tif", "npy", "fits", "exr"}))
+      ->check(one_of(mosaic_formats()))
       ->capture_default_str();
   add_flags(*command, arguments->response);
   command->get_option("--color-matrix")->expected(9)->allow_extra_args(false);

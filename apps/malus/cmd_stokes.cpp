@@ -22,6 +22,7 @@
 #include "denoise_checks.h"
 #include "flags.h"
 #include "frame_input.h"
+#include "output_check.h"
 #include "program.h"
 #include "raw_options.h"
 #include "stokes_uncertainty.h"
@@ -34,6 +35,9 @@ using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 constexpr std::array<const char*, 5> kProducts = {"s0", "s1", "s2", "dolp", "aolp"};
+
+// Endings of the data files.
+std::vector<std::string> product_formats() { return {"exr", "tif", "npy", "fits"}; }
 
 struct StokesArguments {
   RawOptions raw;
@@ -75,7 +79,8 @@ std::vector<fs::path> stale_products(const StokesArguments& arguments, const fs:
     stale.push_back(arguments.folder / fmt::format("{}_{}.{}", stem_of(input), product, format));
   };
   for (const char* product : kConfidenceProducts) {
-    if (!arguments.confidence()) add(product, arguments.format);
+    if (!arguments.confidence())
+      for (const std::string& format : product_formats()) add(product, format);
     if (!arguments.confidence() || !arguments.pictures) add(product, "png");
   }
   for (const char* product : kProducts)
@@ -85,6 +90,8 @@ std::vector<fs::path> stale_products(const StokesArguments& arguments, const fs:
 
 std::vector<ProductNames> plan_product_files(const StokesArguments& arguments, bool force) {
   const std::vector<fs::path> besides = read_besides(arguments);
+  std::vector<fs::path> read = besides;
+  read.insert(read.end(), arguments.inputs.begin(), arguments.inputs.end());
   const auto named = [&](const std::string& suffix) {
     return output_names(arguments.inputs, arguments.folder, suffix, besides);
   };
@@ -97,10 +104,13 @@ std::vector<ProductNames> plan_product_files(const StokesArguments& arguments, b
       plans[i].picture.push_back(pictures[i]);
       check_output(data[i], force);
       if (arguments.pictures) check_output(pictures[i], force);
+      for (fs::path& other : left_in_other_formats(data[i], product_formats(), read, force))
+        plans[i].stale.push_back(std::move(other));
     }
   }
   for (std::size_t i = 0; i < plans.size() && force; ++i)
-    plans[i].stale = stale_products(arguments, arguments.inputs[i]);
+    for (fs::path& unwritten : stale_products(arguments, arguments.inputs[i]))
+      plans[i].stale.push_back(std::move(unwritten));
   return plans;
 }
 
@@ -306,7 +316,7 @@ void add_stokes(CLI::App& app, Common& common) {
   command->add_option("RAW", arguments->inputs, "polarization mosaics")->required();
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   command->add_option("--format", arguments->format, "ending of the data files")
-      ->check(one_of({"exr", "tif", "npy", "fits"}))
+      ->check(one_of(product_formats()))
       ->capture_default_str();
   command->add_flag("!--no-pictures", arguments->pictures, "data files only");
   const std::string confidence =

@@ -192,15 +192,18 @@ SampleType sample_type(const SynthesizeArguments& arguments) {
   return arguments.as_float ? SampleType::kFloat : SampleType::kUint16;
 }
 
-std::vector<std::vector<fs::path>> plan_noisy_files(const SynthesizeArguments& arguments,
-                                                    bool force) {
-  std::vector<std::vector<fs::path>> plans(arguments.inputs.size());
+std::vector<std::string> noisy_formats() { return {"tif", "png", "fits", "npy", "exr"}; }
+
+std::vector<std::vector<PlannedFile>> plan_noisy_files(const SynthesizeArguments& arguments,
+                                                       bool force) {
+  std::vector<std::vector<PlannedFile>> plans(arguments.inputs.size());
   for (int n = 0; n < arguments.frames; ++n) {
     const auto names = output_names(arguments.inputs, arguments.folder,
                                     fmt::format("_{:03}.{}", n, arguments.format));
     for (std::size_t i = 0; i < names.size(); ++i) {
       check_output(names[i], force);
-      plans[i].push_back(names[i]);
+      plans[i].push_back(
+          {names[i], left_in_other_formats(names[i], noisy_formats(), arguments.inputs, force)});
     }
   }
   return plans;
@@ -260,7 +263,8 @@ void run_synthesize(SynthesizeArguments arguments, const Common& common) {
                                                    .frame = number,
                                                    .row0 = arguments.origin[0],
                                                    .col0 = arguments.origin[1]});
-        const fs::path& output = plans[i][static_cast<std::size_t>(n)];
+        const auto& [output, stale] = plans[i][static_cast<std::size_t>(n)];
+        for (const fs::path& path : stale) fs::remove(path);
         save_frame(output, noisy, save);
         frames.push_back({{"input", arguments.inputs[i].string()},
                           {"output", output.string()},
@@ -326,7 +330,7 @@ void add_synthesize(CLI::App& app, Common& common) {
   command->add_flag("--float", arguments->as_float,
                     "write DN above black, unrounded, instead of the camera's integers");
   command->add_option("--format", arguments->format, "ending of the results")
-      ->check(one_of({"tif", "png", "fits", "npy", "exr"}))
+      ->check(one_of(noisy_formats()))
       ->capture_default_str();
   arguments->raw.add_to(*command, {.gain = false, .means = false});
   add_flags(*command, arguments->settings);

@@ -2,11 +2,9 @@
 
 #include "malus/base/text.h"
 #include "malus/denoise/frame_complaints.h"
-#include "malus/io/frame_stack.h"
 
 #include <algorithm>
 #include <string>
-#include <system_error>
 
 #include "denoise_method.h"
 #include "program.h"
@@ -78,19 +76,6 @@ std::string run_text(const RunSummary& run, const std::string& method, const fs:
   return fmt::format("{}: {} x {} {}, {}, {}{}, {:.1f} s -> {}\n", run.frame.source, run.cols,
                      run.rows, run.frame.layout.name(), method, lines_text(run.result),
                      corrections_text(run.result), run.seconds, file.string());
-}
-
-std::vector<fs::path> existing_apart(const std::vector<fs::path>& files,
-                                     const std::vector<fs::path>& others) {
-  std::error_code unknown;
-  std::vector<fs::path> apart;
-  for (const fs::path& path : files)
-    if (fs::is_regular_file(path, unknown) &&
-        std::none_of(others.begin(), others.end(), [&](const fs::path& other) {
-          return fs::equivalent(path, frame_place(other).file, unknown);
-        }))
-      apart.push_back(path);
-  return apart;
 }
 
 }  // namespace malus::app

@@ -45,8 +45,4 @@ struct RunSummary {
 std::string run_text(const RunSummary& run, const std::string& method,
                      const std::filesystem::path& file);
 
-/// Those of the files that exist and are none of the others.
-std::vector<std::filesystem::path> existing_apart(const std::vector<std::filesystem::path>& files,
-                                                  const std::vector<std::filesystem::path>& others);
-
 }  // namespace malus::app

@@ -16,6 +16,9 @@ namespace malus::app {
 struct OutputNames {
   std::filesystem::path mosaic, record, integers, planes, variance;
   std::filesystem::path picture;  ///< alone, of networks that give pictures
+  /// What an earlier run left beside them. It goes before they are written: wherever this run is
+  /// stopped, and whatever it does not write again, would look like a part of the new result.
+  std::vector<std::filesystem::path> stale;
 };
 
 /// Throws InputError for a frame that integers of 16 bits (names.integers) cannot hold: white above

@@ -5,7 +5,6 @@
 
 #include <utility>
 
-#include "denoise_checks.h"
 #include "output_check.h"
 
 namespace malus::app {
@@ -30,7 +29,30 @@ std::vector<fs::path> files_read(const DenoiseArguments& arguments) {
   return read;
 }
 
+// Of a mosaic as of a picture; a mosaic's .png is somebody's view of it.
+std::vector<std::string> formats_of(NetworkTarget target) {
+  std::vector<std::string> formats = denoised_formats();
+  if (target != NetworkTarget::kSrgb) std::erase(formats, "png");
+  return formats;
+}
+
+// result: the mosaic or the picture.
+std::vector<fs::path> stale_files(const DenoiseArguments& arguments, const fs::path& input,
+                                  const fs::path& result, NetworkTarget target, bool force) {
+  const std::vector<fs::path> read = files_read(arguments);
+  std::vector<fs::path> stale = left_in_other_formats(result, formats_of(target), read, force);
+  if (!force || target != NetworkTarget::kMosaic) return stale;
+  std::vector<fs::path> parts;
+  for (const char* suffix : {kRecord, kIntegers, kPlanes, kVariance})
+    parts.push_back(arguments.folder / (stem_of(input) + suffix));
+  parts = existing_apart(parts, read);
+  stale.insert(stale.end(), parts.begin(), parts.end());
+  return stale;
+}
+
 }  // namespace
+
+std::vector<std::string> denoised_formats() { return {"tif", "png", "exr", "npy", "fits"}; }
 
 void check_result_flags(const DenoiseArguments& arguments, NetworkTarget target) {
   if (target != NetworkTarget::kMosaic)
@@ -57,8 +79,13 @@ std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
       check_output(paths[i], force);
     }
   };
+  const auto plan_stale = [&](fs::path OutputNames::*result) {
+    for (std::size_t i = 0; i < names.size(); ++i)
+      names[i].stale = stale_files(arguments, arguments.inputs[i], names[i].*result, target, force);
+  };
   if (target != NetworkTarget::kMosaic) {
     plan(true, "_" + network_target_name(target) + "." + arguments.format, &OutputNames::picture);
+    plan_stale(&OutputNames::picture);
     return names;
   }
   plan(true, "_denoised." + arguments.format, &OutputNames::mosaic);
@@ -66,14 +93,8 @@ std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
   plan(arguments.u16, kIntegers, &OutputNames::integers);
   plan(arguments.planes, kPlanes, &OutputNames::planes);
   plan(arguments.uncertainty, kVariance, &OutputNames::variance);
+  plan_stale(&OutputNames::mosaic);
   return names;
-}
-
-std::vector<fs::path> stale_files(const DenoiseArguments& arguments, const fs::path& input) {
-  std::vector<fs::path> paths;
-  for (const char* suffix : {kRecord, kIntegers, kPlanes, kVariance})
-    paths.push_back(arguments.folder / (stem_of(input) + suffix));
-  return existing_apart(paths, files_read(arguments));
 }
 
 void check_report(const DenoiseArguments& arguments, const std::vector<OutputNames>& names,

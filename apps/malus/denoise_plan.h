@@ -33,18 +33,16 @@ struct DenoiseArguments {
 /// no picture file can hold. Throws InputError.
 void check_result_flags(const DenoiseArguments& arguments, NetworkTarget target);
 
-/// The files of every input. Throws InputError where one exists already, unless forced.
+/// Endings that --format offers.
+std::vector<std::string> denoised_formats();
+
+/// The files of every input. Throws InputError where one exists already, in this or another format,
+/// unless forced.
 std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,
                                              NetworkTarget target, bool force);
 
 /// A report that replaced a frame or a result would lose it: throws InputError.
 void check_report(const DenoiseArguments& arguments, const std::vector<OutputNames>& names,
                   bool force);
-
-/// What an earlier run may have left beside an input's mosaic. It goes before the mosaic is
-/// replaced: wherever this run is stopped, and whatever it does not write again, would look like a
-/// part of the new result.
-std::vector<std::filesystem::path> stale_files(const DenoiseArguments& arguments,
-                                               const std::filesystem::path& input);
 
 }  // namespace malus::app

@@ -91,6 +91,35 @@ void check_output_apart(const std::string& flag, const fs::path& path,
   check_output(path, force);
 }
 
+std::vector<fs::path> existing_apart(const std::vector<fs::path>& files,
+                                     const std::vector<fs::path>& others) {
+  std::error_code unknown;
+  std::vector<fs::path> apart;
+  for (const fs::path& path : files)
+    if (fs::is_regular_file(path, unknown) &&
+        std::none_of(others.begin(), others.end(), [&](const fs::path& other) {
+          return fs::equivalent(path, frame_place(other).file, unknown);
+        }))
+      apart.push_back(path);
+  return apart;
+}
+
+std::vector<fs::path> left_in_other_formats(const fs::path& name,
+                                            const std::vector<std::string>& formats,
+                                            const std::vector<fs::path>& read, bool force) {
+  std::vector<fs::path> others;
+  for (const std::string& format : formats)
+    if (fs::path other = name; other.replace_extension("." + format) != name)
+      others.push_back(std::move(other));
+  others = existing_apart(others, read);
+  if (!others.empty() && !force)
+    throw InputError(others.front().string(),
+                     fmt::format("exists already, the same result as {} in another format",
+                                 name.filename().string()),
+                     "use --force to replace it, or another folder");
+  return others;
+}
+
 void require_format_for(const std::string& format, SampleType type) {
   try {
     require_ending_for("result." + format, type);

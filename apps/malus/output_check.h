@@ -18,6 +18,23 @@ void check_output_apart(const std::string& flag, const std::filesystem::path& pa
                         const std::vector<std::filesystem::path>& read,
                         const std::vector<std::filesystem::path>& written, bool force);
 
+/// Those of the files that exist and are none of the others.
+std::vector<std::filesystem::path> existing_apart(const std::vector<std::filesystem::path>& files,
+                                                  const std::vector<std::filesystem::path>& others);
+
+/// The result of this name as an earlier run left it in another of the formats (endings without
+/// their dot): it goes when this one is written, or would be taken for it. Throws InputError,
+/// naming the file, where there is one and force is false. read: what is none of it.
+std::vector<std::filesystem::path> left_in_other_formats(
+    const std::filesystem::path& name, const std::vector<std::string>& formats,
+    const std::vector<std::filesystem::path>& read, bool force);
+
+/// A result, and what an earlier run left that goes as it is written.
+struct PlannedFile {
+  std::filesystem::path name;
+  std::vector<std::filesystem::path> stale;
+};
+
 /// Throws CLI::ValidationError, naming --format, where files of this ending cannot hold the type.
 void require_format_for(const std::string& format, SampleType type);
 
