@@ -233,7 +233,7 @@ DenoisedFrame load_run(const fs::path& record_file, const Json& record) {
     for (const Json& black : record.at("black_dn"))
       options.black_dn.push_back(pixel_number(black, "black_dn", record_file));
     options.white_dn = number_in(record, "white_dn", record_file);
-    options.gain = gain_from(record);
+    options.gain = checked_gain_from(record, record_file.string());
     if (record.contains("raw_format")) {
       options.raw_format = raw_format_named(record.at("raw_format").get<std::string>());
       options.rows = count_in(record, "rows", record_file);

@@ -106,6 +106,10 @@ TEST(PairList, WhatIsNoListIsNamed) {
   dark.replace(dark.find("12, \"iso\": null"), 15, "null, \"iso\": -200");
   EXPECT_THAT(refused(R"({"pairs": [)" + dark + "]}"),
               ThrowsMessage<InputError>(HasSubstr("iso: is -200")));
+  std::string worded = kEntry;
+  worded.replace(worded.find("12"), 2, "\"12\"");
+  EXPECT_THAT(refused(R"({"pairs": [)" + worded + "]}"),
+              ThrowsMessage<InputError>(HasSubstr("no list of pairs")));
 }
 
 }  // namespace

@@ -31,12 +31,14 @@ Planes grey_planes(int side, float value) {
 
 // One sample of 4 planes whose noisy ones may have another side than its clean ones.
 struct RecordedShard {
-  RecordedShard(const TemporaryFolder& folder, int clean_side, int noisy_side, float value = 300) {
+  RecordedShard(const TemporaryFolder& folder, int clean_side, int noisy_side, float value = 300,
+                const std::string& facts =
+                    R"({"ratio": 1, "removed_bias_dn": 0, "gain_db": 12, "iso": null})") {
     describe(folder, model.layout, model.sensor);
     TarShard shard(folder / "shard.tar", true);
     shard.add("sample7.clean.npy", npy_bytes(grey_planes(clean_side, value)));
     shard.add("sample7.noisy.npy", npy_bytes(grey_planes(noisy_side, value)));
-    shard.add("sample7.json", R"({"ratio": 1, "removed_bias_dn": 0, "gain_db": 12, "iso": null})");
+    shard.add("sample7.json", facts);
     shard.commit();
     config.source = "config.toml";
     config.package.settings.layout = "polar-mono";
@@ -94,6 +96,19 @@ TEST(ShardPairs, AreCutToExamples) {
   for (const Image& image : {pair.clean_dn, pair.noisy.dn}) {
     EXPECT_EQ(image.rows(), 32);
     EXPECT_EQ(image.cols(), 32);
+  }
+}
+
+TEST(ShardPairs, FactsThatNoCameraHasAreNamed) {
+  for (const auto& [facts, words] :
+       {std::pair{R"({"ratio": 1, "removed_bias_dn": 0, "gain_db": 240, "iso": null})", "gain_db"},
+        {R"({"ratio": 1, "removed_bias_dn": 0, "gain_db": "12", "iso": null})", "cannot be read"},
+        {R"({"ratio": 1, "removed_bias_dn": 1e300, "gain_db": 12, "iso": null})", "1e+300"}}) {
+    const TemporaryFolder folder;
+    const RecordedShard shard(folder, 16, 16, 300, facts);
+    const std::string line = problem_of([&] { make_pair_source(shard.config)->pair(1, 0); });
+    EXPECT_NE(line.find("sample7"), std::string::npos) << line;
+    EXPECT_NE(line.find(words), std::string::npos) << line;
   }
 }
 

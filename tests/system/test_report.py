@@ -118,6 +118,8 @@ def test_a_folder_of_figures_that_is_refused_leaves_no_page(malus, refused, tmp_
     ({"raw_format": "mono16", "rows": 2**33, "cols": 48}, "rows is 8.58993e+09, not a whole number"),
     ({"black_dn": [80, 80, 80, -1e300]}, "black_dn is -1e+300"),
     ({"white_dn": 1e300}, "white_dn is 1e+300"),
+    ({"gain_db": 240}, "gain_db: is 240 dB, beyond any camera's"),
+    ({"gain_db": "12"}, "type must be number"),
     ({"noise_line": [{"slope_dn": 1e300, "offset_dn2": 1, "gain_dn_per_e": 1}] * 4}, "slope_dn is 1e+300"),
     ({"reference_file": "frame.npy", "reference_ratio": 1e39}, "reference_ratio is 1e+39"),
 ])

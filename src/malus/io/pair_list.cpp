@@ -5,7 +5,6 @@
 #include "malus/base/unreadable_file.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
-#include "malus/io/session.h"
 
 #include <cmath>
 #include <fstream>
@@ -17,14 +16,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
-
-// As of a session's frames.
-GainSetting checked_gain(const Json& entry, const fs::path& list) {
-  const GainSetting gain = gain_from(entry);
-  if (const auto fault = fault_of({gain, std::nullopt}, true))
-    throw InputError(list.string(), fault->key + ": " + fault->problem, fault->remedy);
-  return gain;
-}
 
 RecordedPair pair_of(const Json& entry, const fs::path& list) {
   for (const char* key : {"short", "reference", "ratio"})
@@ -40,9 +31,9 @@ RecordedPair pair_of(const Json& entry, const fs::path& list) {
                     .reference = file("reference"),
                     .picture = entry.contains("picture") ? file("picture") : fs::path(),
                     .ratio = entry.at("ratio").get<double>(),
-                    .gain = checked_gain(entry, list)};
+                    .gain = checked_gain_from(entry, list.string())};
   if (!entry.value("bias_removed", true))
-    pair.bias_at = checked_gain(entry.at("reference_gain"), list);
+    pair.bias_at = checked_gain_from(entry.at("reference_gain"), list.string());
   if (!std::isfinite(pair.ratio) || pair.ratio <= 0)
     throw InputError(list.string(), fmt::format("has the low-light ratio {}", pair.ratio),
                      "a ratio is above 0");

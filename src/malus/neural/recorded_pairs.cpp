@@ -69,6 +69,15 @@ double checked_ratio(const Json& facts, const std::string& source) {
   return ratio;
 }
 
+// In DN, which pixels hold as floats.
+double checked_bias(const Json& facts, const std::string& source) {
+  const double bias_dn = facts.at("removed_bias_dn").get<double>();
+  if (!(std::abs(bias_dn) <= std::numeric_limits<float>::max()))
+    throw InputError(source, fmt::format("removed_bias_dn is {:g}", bias_dn),
+                     "make the shard again with malus dataset");
+  return bias_dn;
+}
+
 // Planes in other places, or noise that the model does not describe, would train a network without
 // a word.
 void require_drawn_from(const NoiseModel& model, const Json& dataset, const fs::path& file) {
@@ -141,8 +150,8 @@ class ShardPairs final : public PairSource {
     try {
       const Json facts = Json::parse(shard_content(sample.path, sample.facts));
       pair.ratio = checked_ratio(facts, where);
-      removed_bias_dn = facts.at("removed_bias_dn").get<double>();
-      pair.profile = noise_->profile_at(gain_from(facts));
+      removed_bias_dn = checked_bias(facts, where);
+      pair.profile = noise_->profile_at(checked_gain_from(facts, where));
     } catch (const Json::exception& error) {
       throw InputError(where, fmt::format("cannot be read ({})", error.what()),
                        "make the shard again with malus dataset");
