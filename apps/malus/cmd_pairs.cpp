@@ -2,6 +2,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/text.h"
+#include "malus/io/frame_stack.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/session.h"
@@ -16,6 +17,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <vector>
 
 #include "flags.h"
@@ -57,6 +59,19 @@ std::string scene_name(const std::optional<int>& label) {
   return label ? fmt::format("scene{:03}", *label) : "scene";
 }
 
+// The noise of a frame that its reference is the mean of would be in both.
+void refuse_shared_frames(const Session& session, const std::string& name, const Scene& scene) {
+  std::set<fs::path> of_reference;
+  for (const fs::path& path : scene.reference->paths) of_reference.insert(frame_identity(path));
+  for (const FrameGroup* group : scene.shorts)
+    for (const fs::path& path : group->paths)
+      if (of_reference.contains(frame_identity(path)))
+        throw InputError(
+            session.source.string(),
+            fmt::format("{}: {} is named as reference and as short frame", name, path.string()),
+            "name every file once: the reference is of other frames");
+}
+
 std::map<std::optional<int>, Scene> scenes_of(const Session& session) {
   std::map<std::optional<int>, Scene> scenes;
   for (const FrameGroup& group : session.groups) {
@@ -71,12 +86,14 @@ std::map<std::optional<int>, Scene> scenes_of(const Session& session) {
       scenes[group.level].shorts.push_back(&group);
     }
   }
-  for (const auto& [label, scene] : scenes)
+  for (const auto& [label, scene] : scenes) {
     if (scene.reference == nullptr || scene.shorts.empty())
       throw InputError(session.source.string(),
                        fmt::format("{} has no {} frames", scene_name(label),
                                    scene.reference == nullptr ? "reference" : "short"),
                        "give [[frames]] of kind reference and short with the same level");
+    refuse_shared_frames(session, scene_name(label), scene);
+  }
   if (scenes.empty())
     throw InputError(session.source.string(), "has no frames of kind reference and short",
                      "pairs need both");

@@ -110,6 +110,10 @@ TEST(PairList, WhatIsNoListIsNamed) {
   worded.replace(worded.find("12"), 2, "\"12\"");
   EXPECT_THAT(refused(R"({"pairs": [)" + worded + "]}"),
               ThrowsMessage<InputError>(HasSubstr("no list of pairs")));
+  std::string alike = kEntry;
+  alike.replace(alike.find("r.tif"), 5, "./s.tif");
+  EXPECT_THAT(refused(R"({"pairs": [)" + alike + "]}"),
+              ThrowsMessage<InputError>(HasSubstr("as short and as reference")));
 }
 
 }  // namespace

@@ -233,6 +233,18 @@ def test_pairs_name_references_that_white_cuts_off_and_shorts_that_are_longer(ma
     assert "short frames of 0.02 s, longer than their reference of 0.01 s" in refused("pairs", session, "-o", tmp_path / "swapped")
 
 
+def test_a_frame_is_not_its_own_reference(refused, tmp_path):
+    """Its noise would be in both, and a network would learn to keep it."""
+    np.save(tmp_path / "a.npy", np.full((8, 8), 900, np.uint16))
+    (tmp_path / "b.npy").symlink_to("a.npy")
+    session = tmp_path / "s.toml"
+    session.write_text('[sensor]\nlayout = "mono"\nblack = 0\nwhite = 4095\n[[frames]]\nkind = "reference"\npaths = ["a.npy"]\n'
+                       '[[frames]]\nkind = "short"\npaths = ["b.npy"]\n')
+    line = refused("pairs", session, "-o", tmp_path / "out", "--ratio", 10)
+    assert "s.toml: scene: " in line and "b.npy is named as reference and as short frame" in line
+    assert not (tmp_path / "out").exists()
+
+
 def test_pairs_name_what_is_missing(malus, refused, tmp_path):
     session, _ = write_pairs_session(tmp_path, [1.0, 1.0])
     text = session.read_text()

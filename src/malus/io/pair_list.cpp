@@ -3,6 +3,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/base/unreadable_file.h"
+#include "malus/io/frame_stack.h"
 #include "malus/io/gain_json.h"
 #include "malus/io/picture_file.h"
 
@@ -34,6 +35,11 @@ RecordedPair pair_of(const Json& entry, const fs::path& list) {
                     .gain = checked_gain_from(entry, list.string())};
   if (!entry.value("bias_removed", true))
     pair.bias_at = checked_gain_from(entry.at("reference_gain"), list.string());
+  if (frame_identity(pair.noisy) == frame_identity(pair.reference))
+    throw InputError(list.string(),
+                     fmt::format("the pair \"{}\" has one file, {}, as short and as reference",
+                                 pair.name, pair.noisy.string()),
+                     "a reference is a cleaner frame of the scene: make the list with malus pairs");
   if (!std::isfinite(pair.ratio) || pair.ratio <= 0)
     throw InputError(list.string(), fmt::format("has the low-light ratio {}", pair.ratio),
                      "a ratio is above 0");

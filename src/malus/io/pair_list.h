@@ -25,8 +25,8 @@ struct RecordedPair {
   std::string scene() const;  ///< the name without its last part: "scene003"
 };
 
-/// Paths are relative to the list's folder. Throws InputError on a file that is no such list or
-/// holds a ratio that is not above 0.
+/// Paths are relative to the list's folder. Throws InputError on a file that is no such list, or
+/// holds a ratio that is not above 0, a gain that no camera has or one file as both of a pair.
 std::vector<RecordedPair> load_pair_list(const std::filesystem::path& list);
 
 /// A pair's picture, which it must have. Throws InputError where it cannot be read or has not three
