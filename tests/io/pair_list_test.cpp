@@ -66,6 +66,14 @@ TEST(PairList, SaysWhichBiasAReferenceHolds) {
   };
   EXPECT_FALSE(read("")[0].bias_at);
   EXPECT_FALSE(read(R"(, "bias_removed": true)")[0].bias_at);
+  EXPECT_FALSE(read("")[0].reference_gain);
+  const auto free =
+      read(R"(, "bias_removed": true, "reference_gain": {"gain_db": 3, "iso": null})");
+  EXPECT_FALSE(free[0].bias_at);
+  EXPECT_EQ(free[0].reference_gain, (GainSetting{.gain_db = 3, .iso = std::nullopt}));
+  save_pair_list(free, folder / "again.json");
+  EXPECT_FALSE(load_pair_list(folder / "again.json")[0].bias_at);
+  EXPECT_EQ(load_pair_list(folder / "again.json")[0].reference_gain, free[0].reference_gain);
   const auto biased =
       read(R"(, "bias_removed": false, "reference_gain": {"gain_db": null, "iso": 200})");
   EXPECT_EQ(biased[0].bias_at, (GainSetting{.gain_db = std::nullopt, .iso = 200}));

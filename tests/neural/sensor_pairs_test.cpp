@@ -33,14 +33,16 @@ struct SensorPairs {
     config.pairs = {folder / "pairs.json"};
     config.models = {folder / "sensor.h5"};
   }
-  RawPair pair_of(const Image& noisy_dn, const Image& reference_dn, double ratio) const {
+  // more: of the list's entry.
+  RawPair pair_of(const Image& noisy_dn, const Image& reference_dn, double ratio,
+                  const std::string& more = "") const {
     SaveOptions save;
     save.force = true;
     save_picture(folder / "short.npy", noisy_dn, save);
     save_picture(folder / "reference.npy", reference_dn, save);
     std::ofstream(folder / "pairs.json")
         << R"({"pairs": [{"short": "short.npy", "reference": "reference.npy", "ratio": )" << ratio
-        << R"(, "gain_db": 12, "iso": null}]})";
+        << R"(, "gain_db": 12, "iso": null)" << more << "}]}";
     return make_pair_source(config)->pair(1, 0);
   }
   TemporaryFolder folder;
@@ -74,6 +76,32 @@ TEST(SensorPairs, DarkSignalThatTheRatioTakesFromTheReferenceIsNoise) {
       EXPECT_EQ(told, pairs.noise(kLightDn));
     }
   }
+}
+
+// The dark signal of a pixel is in proportion to K: d K' / K at the reference's gain. 4096 pixels,
+// as above.
+TEST(SensorPairs, DarkSignalOfAReferenceIsThatOfItsOwnGain) {
+  constexpr double kDsnuDn = 12, kLightDn = 40, kRatio = 5;
+  const SensorPairs pairs(kDsnuDn, {});
+  const NoiseModel model = load_model(pairs.config.models.front());
+  const double factor = model.profile_at({.gain_db = 24, .iso = {}}).channels[0].gain_dn_per_e /
+                        model.profile_at(kPairGain).channels[0].gain_dn_per_e;
+  ASSERT_NEAR(factor, 4, 0.2);
+  RandomSequence random(4, 0, Draw::kOther);
+  Image noisy_dn(kSensorSide, kSensorSide), reference_dn(noisy_dn);
+  for (std::size_t i = 0; i < noisy_dn.size(); ++i) {
+    const double dark_dn = kDsnuDn * random.normal();
+    noisy_dn.values()[i] =
+        static_cast<float>(kLightDn + dark_dn + std::sqrt(pairs.noise(kLightDn)) * random.normal());
+    reference_dn.values()[i] = static_cast<float>(kRatio * kLightDn + factor * dark_dn);
+  }
+  const RawPair pair =
+      pairs.pair_of(noisy_dn, reference_dn, kRatio,
+                    R"(, "bias_removed": true, "reference_gain": {"gain_db": 24, "iso": null})");
+  Moments difference;
+  for (std::size_t i = 0; i < noisy_dn.size(); ++i)
+    difference.add(double{pair.noisy.dn.values()[i]} - double{pair.clean_dn.values()[i]});
+  EXPECT_NEAR(pair.profile.channels[0].variance(kLightDn) / difference.variance(), 1, 0.11);
 }
 
 // As denoising fills them, wherever the piece of an example lies.

@@ -33,8 +33,10 @@ RecordedPair pair_of(const Json& entry, const fs::path& list) {
                     .picture = entry.contains("picture") ? file("picture") : fs::path(),
                     .ratio = entry.at("ratio").get<double>(),
                     .gain = checked_gain_from(entry, list.string())};
-  if (!entry.value("bias_removed", true))
-    pair.bias_at = checked_gain_from(entry.at("reference_gain"), list.string());
+  const bool holds_bias = !entry.value("bias_removed", true);
+  if (holds_bias || entry.contains("reference_gain"))
+    pair.reference_gain = checked_gain_from(entry.at("reference_gain"), list.string());
+  if (holds_bias) pair.bias_at = pair.reference_gain;
   if (frame_identity(pair.noisy) == frame_identity(pair.reference))
     throw InputError(list.string(),
                      fmt::format("the pair \"{}\" has one file, {}, as short and as reference",
@@ -82,7 +84,8 @@ void save_pair_list(const std::vector<RecordedPair>& pairs, const fs::path& list
                        {"ratio", pair.ratio}});
     entries.back().update(gain_json(pair.gain));
     entries.back()["bias_removed"] = !pair.bias_at;
-    if (pair.bias_at) entries.back()["reference_gain"] = gain_json(*pair.bias_at);
+    if (const auto& gain = pair.bias_at ? pair.bias_at : pair.reference_gain)
+      entries.back()["reference_gain"] = gain_json(*gain);
     if (!pair.picture.empty()) entries.back()["picture"] = fs::absolute(pair.picture).string();
   }
   std::string text;

@@ -22,6 +22,8 @@ struct RecordedPair {
   /// Gain of the reference, where that still holds the sensor's bias; empty where it holds none,
   /// and where a list does not say, as those from before 2026-11-27.
   std::optional<GainSetting> bias_at = std::nullopt;
+  /// Gain of the reference; empty where a list does not say.
+  std::optional<GainSetting> reference_gain = std::nullopt;
   std::string scene() const;  ///< the name without its last part: "scene003"
 };
 

@@ -75,6 +75,8 @@ void add_pairs(Hash& hash, const fs::path& list) {
   for (const RecordedPair& pair : load_pair_list(list)) {
     hash.add(fmt::format("{} {}", pair.ratio, pair.gain.text()));
     if (pair.bias_at) hash.add("with the bias at " + pair.bias_at->text());
+    if (pair.reference_gain.value_or(pair.gain) != pair.gain)
+      hash.add("of a reference at " + pair.reference_gain->text());
     for (const fs::path& path : {pair.noisy, pair.reference, pair.picture})
       if (!path.empty()) hash.add_frame(path);
   }

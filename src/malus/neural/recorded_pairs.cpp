@@ -250,11 +250,26 @@ class CapturedPairs final : public PairSource {
 
  private:
   // The reference is of the same pixels. What they make of light is in both alike, no noise between
-  // the two; of their dark signal the clean picture holds the ratio's part alone.
+  // the two; of their dark signal the clean picture holds what the reference's gain made of it,
+  // over the ratio.
   void add_dark_pattern(NoiseProfile& profile, const RecordedPair& recorded) const {
+    const double held = reference_gain_ratio(profile, recorded) / recorded.ratio;
     std::vector<PatternDeviation> left = pattern_deviations_at(model_, recorded.gain, profile);
-    for (PatternDeviation& d : left) d = {0, d.dsnu_dn * std::abs(1 - 1 / recorded.ratio)};
+    for (PatternDeviation& d : left) d = {0, d.dsnu_dn * std::abs(1 - held)};
     add_pattern_noise(profile, left);
+  }
+
+  // K of the reference over that of the short frame, whose profile this is; by the decibels where
+  // the model does not know the reference's gain, which nothing else asks it for.
+  double reference_gain_ratio(const NoiseProfile& profile, const RecordedPair& recorded) const {
+    if (!recorded.reference_gain || *recorded.reference_gain == recorded.gain) return 1;
+    try {
+      if (const auto by_model =
+              gain_ratio(model_.profile_at(*recorded.reference_gain, gains_), profile))
+        return *by_model;
+    } catch (const InputError&) {
+    }
+    return gain_ratio(*recorded.reference_gain, recorded.gain);
   }
 
   // Those of the piece, which preparation fills in it as in a whole frame.
