@@ -232,7 +232,8 @@ void run_noise_comparison(const NoiseArguments& given, const RawOptions& raw,
     check_one_gain(*paths, options, stand_in.has_value());
   const RawFrame first = load_above_black(arguments.reference.front(), options);
   if (stand_in) {
-    require_single(first);  // frames are drawn one by one
+    for (const fs::path& path : arguments.reference)  // frames are drawn one by one
+      require_single(probe_frame(path, options).frame);
     stand_in->warn_of_gain(first.gain);
   }
   std::optional<Image> clean;

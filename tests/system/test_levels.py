@@ -155,6 +155,7 @@ def test_a_model_is_compared_at_the_light_of_the_frames(malus, refused, tmp_path
     assert compared["pooled"]["sqrt_jsd"] < 2 * compared["pooled"]["sqrt_jsd_floor"]
     malus("average", *flats[:2], "--layout", "polar-mono", "--black", 82, "--white", 4095, "-o", tmp_path / "mean.tif")
     assert "mean of 2 frames" in refused("evaluate", "--noise", "--reference", tmp_path / "mean.tif", *model)
+    assert "mean of 2 frames" in refused("evaluate", "--noise", "--reference", *flats[:2], tmp_path / "mean.tif", *model, "--layout", "polar-mono", "--black", 82)
 
 
 def test_a_session_of_a_sensor_alone_serves_as_description(malus, tmp_path):
