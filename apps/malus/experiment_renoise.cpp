@@ -170,15 +170,23 @@ Json score_of(const std::string& name, const Gains& gains, const Image& clean_dn
           {"detail_psnr_db", detail.value_or(std::nan(""))}};
 }
 
+// DN above black, no highlights: where frames clip there is no noise to compare.
+RawFrame load_clean_light(const RenoiseExperimentArguments& arguments, const NoiseModel& model) {
+  RawFrame clean = load_frame(
+      arguments.clean, options_in_layout(arguments.raw.resolve(), model.layout, arguments.clean));
+  if (clean.holds_codes() && !clean.black_known)
+    throw InputError(arguments.clean.string(), "holds integers, but its black level is not known",
+                     "give --black (0 where black is subtracted already)");
+  check_finite(clean.dn, arguments.clean.string(), "taken as dark");
+  subtract_black(clean);
+  const auto top = static_cast<float>(0.8 * white_above_black(model.white_dn, model.black_dn));
+  for (float& v : clean.dn.values()) v = std::isfinite(v) ? std::clamp(v, 0.0f, top) : 0.0f;
+  return clean;
+}
+
 void run_renoise_experiment(const RenoiseExperimentArguments& arguments, const Common& common) {
   const Gains gains = gains_of(arguments);
-  RawFrame clean =
-      load_frame(arguments.clean,
-                 options_in_layout(arguments.raw.resolve(), gains.model.layout, arguments.clean));
-  subtract_black(clean);
-  // No highlights: where frames clip there is no noise to compare.
-  const double white = white_above_black(gains.model.white_dn, gains.model.black_dn);
-  for (float& v : clean.dn.values()) v = std::clamp(v, 0.0f, static_cast<float>(0.8 * white));
+  const RawFrame clean = load_clean_light(arguments, gains.model);
   const auto variants = variants_of(arguments, gains, clean.dn);
   const auto progress = make_progress(common);
   progress->begin("experiment", std::ssize(variants) * arguments.frames);

@@ -128,6 +128,20 @@ def test_renoise_refuses_quieter_targets_and_missing_guides(malus, refused, tmp_
         assert "holds no nonparametric model" in refused(*arguments, "--from", 6, "--to", 18, "--method", method, "--kind", "nonparametric")
 
 
+def test_the_renoise_experiment_takes_its_clean_frame_as_synthesize_does(malus, refused, tmp_path):
+    clean = np.full((32, 32), 400, np.float32)
+    np.save(tmp_path / "codes.npy", clean.astype(np.uint16))
+    run = ["experiment", "renoise", "--frames", 2, "--weak-guide", "vst-bm3d", "--json"]
+    assert "codes.npy: holds integers, but its black level is not known; give --black" in refused(*run, tmp_path / "codes.npy")
+    clean[3, 5] = np.nan
+    np.save(tmp_path / "hole.npy", clean)
+    done = malus(*run, tmp_path / "hole.npy")
+    assert "hole.npy: 1 pixel is NaN or infinite; taken as dark" in done.err
+    assert all(np.isfinite(row["detail_psnr_db"]) for row in done.json["variants"])
+    np.save(tmp_path / "none.npy", np.full((32, 32), np.nan, np.float32))
+    assert "none.npy" in refused(*run, tmp_path / "none.npy")
+
+
 def test_the_renoise_experiment_believes_a_stated_layout(refused, tmp_path):
     np.save(tmp_path / "clean.npy", np.full((32, 32), 400, np.float32))
     line = refused("experiment", "renoise", tmp_path / "clean.npy", "--layout", "mono", "--frames", 2)
