@@ -31,6 +31,22 @@ RawFrame colour_picture(const RawFrame& frame, int row, int col) {
   return grey;
 }
 
+// Whoever works with the result knows them by their value: filtered, they lay below white.
+TEST(Baselines, KeepSaturatedPixels) {
+  RawFrame frame = baseline_frame("polar-mono", 48, 64);
+  for (int r = 10; r < 14; ++r)
+    for (int c = 20; c < 30; ++c) frame.dn(r, c) = static_cast<float>(frame.white_dn);
+  const Image kept = denoised_by("nl-ridge", frame);
+  for (const char* method : {"plane-bm3d", "paper-bm3d", "paper-mbm3d", "vst-bm3d"}) {
+    const Image result = denoised_by(method, frame);
+    for (int r = 10; r < 14; ++r)
+      for (int c = 20; c < 30; ++c) {
+        ASSERT_NEAR(result(r, c), frame.white_dn - 82, 2) << method;  // less black and bias
+        ASSERT_EQ(result(r, c), kept(r, c)) << method;
+      }
+  }
+}
+
 // 000, 6.1: "BM3D, taking each color channel containing 4 polarization channels as a grayscale
 // input".
 TEST(Baselines, ThePapersBm3dTakesTheFourAnglesOfAColourAsOneGreyPicture) {

@@ -89,15 +89,21 @@ void invert(const std::vector<Stabilizer>& stabilizers, const PreparedFrame& fra
         const Stabilizer& stabilizer =
             stabilizers[static_cast<std::size_t>(frame.layout.channel_at(row, col))];
         const double value = result.dn_above_black(row, col);
-        // A saturated pixel is at least as bright as it says: nothing better is known.
-        result.dn_above_black(row, col) = frame.saturated(row, col)
-                                              ? frame.dn(row, col)
-                                              : static_cast<float>(stabilizer.inverse(value));
+        result.dn_above_black(row, col) = static_cast<float>(stabilizer.inverse(value));
         if (result.variance_dn2) {
           const double slope = stabilizer.inverse_slope(value);
           (*result.variance_dn2)(row, col) *= static_cast<float>(slope * slope);
         }
       }
+  });
+}
+
+// A saturated pixel is at least as bright as it says: nothing better is known.
+void keep_saturated(const PreparedFrame& frame, Image& dn_above_black) {
+  parallel_for(0, frame.dn.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row)
+      for (int col = 0; col < frame.dn.cols(); ++col)
+        if (frame.saturated(row, col)) dn_above_black(row, col) = frame.dn(row, col);
   });
 }
 
@@ -185,6 +191,7 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   check_stop(progress);
   if (error) internal::add_missed_signal(stabilised, uncut, result.dn_above_black, *error);
   invert(stabilizers, frame, result);
+  keep_saturated(frame, result.dn_above_black);
   keep_points(frame, profile, stabilizers, result);
   if (result.variance_dn2) add_unseen_errors(frame, profile, settings.strength, result);
 }
@@ -254,11 +261,13 @@ Denoised denoise_frame(RawFrame frame, const NoiseProfile& given, const DenoiseS
   check_stop(progress);
   const Stopwatch filter;
   if (want_variance) result.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
-  if (method.on_mosaic())
+  if (method.on_mosaic()) {
     filter_prepared(prepared, profile, settings, progress, result);
-  else
+  } else {
     result.dn_above_black =
         internal::run_baseline(method.name, prepared, profile, settings, progress);
+    keep_saturated(prepared, result.dn_above_black);
+  }
   if (result.cut_off_undone) keep_voids(cut_off, result.dn_above_black);
   complete_result(prepared, result);
   result.times = {{"preparation and row noise", preparation_s}, {"filter", filter.seconds()}};
