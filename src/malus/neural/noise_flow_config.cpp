@@ -139,8 +139,7 @@ class PairFrames {
     if (reference.bits > 0) return white_dn_;
     FrameOptions options;
     options.layout = options_.layout;
-    const RawFrame told = probe_frame(path, options).frame;
-    return told.white_known ? white_above_black(told.white_dn, told.black_dn) : white_dn_;
+    return white_of_reference(probe_frame(path, options).frame, white_dn_);
   }
 
   // Several noisy frames in a row may share it.

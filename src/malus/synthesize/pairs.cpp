@@ -79,6 +79,10 @@ std::optional<double> white_of_reference(const RawFrame& reference, const RawFra
   return std::nullopt;
 }
 
+double white_of_reference(const RawFrame& reference, double camera_white_above_black_dn) {
+  return white_of_reference(reference, RawFrame()).value_or(camera_white_above_black_dn);
+}
+
 double white_of_reference(const RawFrame& reference, const RawFrame& short_frame,
                           const NoiseModel& model) {
   return white_of_reference(reference, short_frame)

@@ -33,6 +33,8 @@ std::optional<double> white_of_reference(const RawFrame& reference, const RawFra
 /// Else that of the camera's model.
 double white_of_reference(const RawFrame& reference, const RawFrame& short_frame,
                           const NoiseModel& model);
+/// As its file tells it, else the camera's.
+double white_of_reference(const RawFrame& reference, double camera_white_above_black_dn);
 
 /// Makes those pixels of a reference NaN that do not tell the light of its scene: the ones that
 /// clipped_share counts, and defects where their list is of a sensor of this size. Returns how many
