@@ -1,6 +1,7 @@
 // Which pixels are listed as defects, and which are not.
 #include "malus/calibrate/internal/defects.h"
 
+#include "malus/base/random.h"
 #include "malus/calibrate/calibrate.h"
 #include "malus/calibrate/internal/equal_values.h"
 
@@ -53,6 +54,34 @@ TEST(Defects, AStuckPixelNeedsNoFlats) {
     if (flat_levels == 0) {
       EXPECT_EQ(model.defects[0].kind, "stuck");
     }
+  }
+}
+
+// In a glow of 40 deviations of the pixels one is hot by 15 of them; every pixel of the glow's
+// core, a hundredth of all, had been called hot.
+TEST(Defects, AGlowIsNone) {
+  constexpr int kSide = 160, kFrames = 16;
+  for (const char* layout : {"mono", "polar-mono"}) {
+    const MosaicGeometry geometry(SensorLayout::named(layout), kSide, kSide, 1);
+    RandomSequence random(12, 0, Draw::kOther);
+    Image shading(kSide, kSide), squares(kSide, kSide);
+    for (int r = 0; r < kSide; ++r)
+      for (int c = 0; c < kSide; ++c) {
+        shading(r, c) = static_cast<float>(40 * std::exp(-std::hypot(r - kSide, c - kSide) / 60.0) +
+                                           random.normal());
+        squares(r, c) = static_cast<float>(kFrames * (16 + random.normal()));
+      }
+    shading(150, 140) += 15;
+    const DarkPixels dark{
+        .shading_dn = shading,
+        .sum_of_squares = squares,
+        .frames = kFrames,
+        .constancy = std::vector<double>(static_cast<std::size_t>(geometry.channels()), 1.0)};
+    const FoundDefects found = find_defects(dark, {}, geometry);
+    ASSERT_EQ(found.listed.size(), 1u) << layout;
+    EXPECT_EQ(found.listed[0].row, 150);
+    EXPECT_EQ(found.listed[0].col, 140);
+    EXPECT_NEAR(found.listed[0].value, 15, 3) << layout;
   }
 }
 

@@ -3,6 +3,8 @@
 #include "malus/base/chi_square.h"
 #include "malus/base/index.h"
 #include "malus/calibrate/internal/pixel_location.h"
+#include "malus/image/window.h"
+#include "malus/noise/smooth_map.h"
 #include "malus/noise/tukey_lambda.h"
 
 #include <algorithm>
@@ -197,10 +199,41 @@ std::size_t most_defects(const MosaicGeometry& geometry) {
       std::clamp(kShare * geometry.rows() * geometry.cols(), kOfSmallFrames, kOfAll));
 }
 
-FoundDefects find_defects(const DarkPixels& dark, View<const float> response,
+namespace {
+
+// The shading without what is smooth of it in channels where that is more than chance: in a glow a
+// pixel is hot that stands out of those around it. Empty where there is no such channel.
+Image without_glow(View<const float> shading_dn, const MosaicGeometry& geometry) {
+  constexpr double kLeastSpan = 2;  // deviations of a pixel; chance makes half of one
+  const SmoothMap smooth(shading_dn, geometry.cell_rows(), geometry.cell_cols(), 0);
+  std::vector<bool> glows;
+  std::vector<double> centre;
+  for (int channel = 0; channel < geometry.channels(); ++channel) {
+    const PixelLocation level =
+        location_of(geometry, channel, [&](int r, int c) { return shading_dn(r, c); });
+    glows.push_back(smooth.span(channel) > kLeastSpan * level.deviation && level.deviation > 0);
+    centre.push_back(level.centre);
+  }
+  if (std::find(glows.begin(), glows.end(), true) == glows.end()) return {};
+  Image out = copy_of(shading_dn);
+  const Image glow = smooth.values();
+  for (int r = 0; r < out.rows(); ++r)
+    for (int c = 0; c < out.cols(); ++c) {
+      const auto channel = as_index(geometry.channel(r, c));
+      if (glows[channel]) out(r, c) -= glow(r, c) - static_cast<float>(centre[channel]);
+    }
+  return out;
+}
+
+}  // namespace
+
+FoundDefects find_defects(const DarkPixels& with_glow, View<const float> response,
                           const MosaicGeometry& geometry) {
-  MALUS_REQUIRE(dark.frames >= 2);
+  MALUS_REQUIRE(with_glow.frames >= 2);
   constexpr double kDeadBelow = 0.5;
+  const Image flat_shading_dn = without_glow(with_glow.shading_dn, geometry);
+  DarkPixels dark = with_glow;
+  if (!flat_shading_dn.empty()) dark.shading_dn = flat_shading_dn;
   DefectCollector defects(most_defects(geometry));
   FarthestLookup farthest(dark.farthest);
   for (int channel = 0; channel < geometry.channels(); ++channel) {

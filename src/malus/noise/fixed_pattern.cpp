@@ -3,9 +3,9 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
-#include "malus/noise/internal/smooth_map.h"
 #include "malus/noise/model.h"
 #include "malus/noise/profile.h"
+#include "malus/noise/smooth_map.h"
 
 #include <algorithm>
 #include <cmath>
@@ -196,7 +196,7 @@ std::vector<double> variances_of_differences(const Image& map, const SensorLayou
 Image take_smooth_out(Image& map, const SensorLayout& layout, double middle, const MapError& known,
                       const std::vector<double>& variance, std::vector<double>& error) {
   if (known.rows.size() != error.size()) return {};
-  const SmoothMap smooth(map, layout, middle);
+  const SmoothMap smooth(map, layout.rows(), layout.cols(), middle);
   std::vector<double> chance = known.rows, of_smooth = known.rows;
   for (std::size_t c = 0; c < error.size(); ++c) chance[c] += SmoothMap::kOfMedian * variance[c];
   if (!smooth.differs(chance)) return {};

@@ -1,4 +1,4 @@
-#include "malus/noise/internal/smooth_map.h"
+#include "malus/noise/smooth_map.h"
 
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
@@ -31,10 +31,10 @@ Between between_blocks(int pixel, int count, int blocks) {
 
 }  // namespace
 
-SmoothMap::SmoothMap(const Image& map, const SensorLayout& layout, double middle)
-    : layout_(layout), rows_(map.rows()), cols_(map.cols()) {
-  const int down = layout.rows(), across = layout.cols();
-  for (int channel = 0; channel < layout.channels(); ++channel) {
+SmoothMap::SmoothMap(View<const float> map, int cell_rows, int cell_cols, double middle)
+    : rows_(map.rows()), cols_(map.cols()), cell_rows_(cell_rows), cell_cols_(cell_cols) {
+  const int down = cell_rows, across = cell_cols;
+  for (int channel = 0; channel < down * across; ++channel) {
     Grid grid{channel / across, channel % across, 0, 0, {}};
     grid.rows = (rows_ - grid.first_row + down - 1) / down;
     grid.cols = (cols_ - grid.first_col + across - 1) / across;
@@ -71,15 +71,22 @@ bool SmoothMap::differs(const std::vector<double>& chance_variance) const {
   return squares / count > 1 + kChance * std::sqrt(2 / count);
 }
 
+double SmoothMap::span(int channel) const {
+  const Image& medians = channels_[static_cast<std::size_t>(channel)].medians;
+  const auto [least, most] = std::ranges::minmax(medians.values());
+  return double{most} - least;
+}
+
 Image SmoothMap::values() const {
   Image out(rows_, cols_);
   parallel_for(0, rows_, kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (int row = static_cast<int>(begin); row < static_cast<int>(end); ++row)
       for (int col = 0; col < cols_; ++col) {
-        const Grid& grid = channels_[static_cast<std::size_t>(layout_.channel_at(row, col))];
+        const Grid& grid =
+            channels_[static_cast<std::size_t>(row % cell_rows_ * cell_cols_ + col % cell_cols_)];
         const Image& medians = grid.medians;
-        const Between r = between_blocks(row / layout_.rows(), grid.rows, medians.rows()),
-                      c = between_blocks(col / layout_.cols(), grid.cols, medians.cols());
+        const Between r = between_blocks(row / cell_rows_, grid.rows, medians.rows()),
+                      c = between_blocks(col / cell_cols_, grid.cols, medians.cols());
         const auto in_row = [&](int i) {
           return (1 - c.way) * medians(i, c.first) + c.way * medians(i, c.second);
         };

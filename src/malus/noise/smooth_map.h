@@ -1,7 +1,6 @@
 // What of a sensor's map is smooth in both directions, as a glow is.
 #pragma once
 
-#include "malus/image/layout.h"
 #include "malus/image/view.h"
 
 #include <vector>
@@ -15,9 +14,12 @@ class SmoothMap {
   static constexpr int kBlock = 16;
   static constexpr double kOfMedian = 1.571 / (kBlock * kBlock);
 
-  SmoothMap(const Image& map, const SensorLayout& layout, double middle);
+  /// A channel is a place in cells of so many rows and columns. middle: values are counted from it.
+  SmoothMap(View<const float> map, int cell_rows, int cell_cols, double middle);
   /// Whether the blocks differ by more than the variance that chance gives one; per channel.
   bool differs(const std::vector<double>& chance_variance) const;
+  /// From the least to the largest of a channel's blocks.
+  double span(int channel) const;
   /// Above the middle, for every pixel.
   Image values() const;
 
@@ -26,8 +28,7 @@ class SmoothMap {
     int first_row = 0, first_col = 0, rows = 0, cols = 0;  ///< of the channel's pixels
     Image medians;                                         ///< above the middle
   };
-  SensorLayout layout_;
-  int rows_, cols_;
+  int rows_, cols_, cell_rows_, cell_cols_;
   std::vector<Grid> channels_;
 };
 
