@@ -59,6 +59,8 @@ def test_what_no_mean_is_for_is_refused(burst, camera):
         malus.calibrate([malus.FrameSet("bias", [mean, mean], gain_db=24), malus.FrameSet("flat", [mean, mean], gain_db=24, exposure_s=1)])
     with pytest.raises(malus.InputError, match="frames"):
         malus.average(burst[:1])
+    with pytest.raises(malus.InputError, match="has the same pixels as"):
+        malus.average([burst[0], burst[1], burst[0]])
     with pytest.raises(TypeError, match="list of Frames"):
         malus.average([burst[0].dn, burst[1].dn])
     with pytest.raises(malus.InputError, match="mean_of"):

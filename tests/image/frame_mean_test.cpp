@@ -96,7 +96,8 @@ TEST(SceneMean, APixelSaturatedInMoreThanATenthIsAtWhite) {
   SceneMean twenty(20);
   for (int i = 0; i < 20; ++i) {
     RawFrame frame = frame_of({}, 0);
-    frame.dn(0, 0) = i < 2 ? 4095 : 4000;  // a tenth
+    frame.dn(5, 5) = static_cast<float>(i);  // no copies
+    frame.dn(0, 0) = i < 2 ? 4095 : 4000;    // a tenth
     frame.dn(0, 1) = i < 3 ? 4095 : 4000;
     frame.dn(0, 2) = i < 1 ? std::numeric_limits<float>::quiet_NaN() : 100;
     twenty.add(frame);
@@ -136,6 +137,25 @@ TEST(SceneMean, FloatsThatTellNoBlackAreAboveIt) {
     two.add(frame);
   }
   EXPECT_TRUE(two.take().black_known);
+}
+
+// The noise of a copy does not average out, whatever its file is called.
+TEST(SceneMean, RefusesACopyOfAFrame) {
+  const auto problem = [](const RawFrame& frame) {
+    return problem_of([&] {
+      SceneMean mean(3);
+      mean.add(frame);
+      mean.add(frame_of({}, 1));
+      RawFrame again = frame;
+      again.source = "again";
+      mean.add(again);
+    });
+  };
+  EXPECT_NE(problem(frame_of({}, 0)).find("again: has the same pixels as frame 0"),
+            std::string::npos);
+  RawFrame saturated = frame_of({}, 0);
+  saturated.dn = Image(kSide, kSide, 4095);
+  EXPECT_EQ(problem(saturated), "");
 }
 
 TEST(SceneMean, RefusesWhatWasNotTakenAlike) {

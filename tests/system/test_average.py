@@ -99,6 +99,8 @@ def test_what_is_no_burst_is_refused(malus, refused, misused, camera, tmp_path):
     np.save(tmp_path / "other.npy", np.zeros((8, 8), np.uint16))
     assert "other.npy" in refused("average", files[0], tmp_path / "other.npy", *out)
     assert "is given twice" in refused("average", *files, tmp_path / "burst" / ".." / "burst" / files[0].name, *out)
+    np.save(tmp_path / "copy.npy", np.load(files[0]))
+    assert "copy.npy: has the same pixels as" in refused("average", *files, tmp_path / "copy.npy", *out)
     assert "no floating-point values" in misused("average", *files, "-o", tmp_path / "mean.png")
     assert not (tmp_path / "mean.tif").exists()
     assert "is an input" in refused("average", *files, "-o", files[0], "--force")

@@ -3,15 +3,14 @@
 #include "malus/base/error.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
+#include "malus/image/seen_frames.h"
 #include "malus/io/frame_file.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <deque>
 #include <future>
-#include <unordered_map>
 
 #include <fmt/format.h>
 
@@ -60,46 +59,6 @@ void take_black_of(const FrameFormat& like, RawFrame& frame) {
     }
   frame.black_dn = like.black_dn;
 }
-
-// Equal for equal pixels; unequal ones share it once in 10^19.
-std::uint64_t fingerprint(const Image& dn) {
-  const std::vector<float>& values = dn.values();
-  std::uint64_t hash = values.size();
-  for (std::size_t i = 0; i + 1 < values.size(); i += 2) {
-    std::uint64_t two = 0;
-    std::memcpy(&two, &values[i], sizeof two);
-    hash = (hash ^ two) * 0x9e3779b97f4a7c15u;
-    hash ^= hash >> 29;
-  }
-  std::uint32_t last = 0;
-  if (!values.empty()) std::memcpy(&last, &values.back(), sizeof last);
-  return (hash ^ last) * 0x9e3779b97f4a7c15u;
-}
-
-// Frames that are saturated, or dark without noise, are equal without being copies.
-bool has_one_value(const Image& dn) {
-  constexpr double kOfPixels = 0.9;
-  std::vector<float> sorted = dn.values();
-  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), middle, sorted.end());
-  const auto equal = std::count(sorted.begin(), sorted.end(), *middle);
-  return static_cast<double>(equal) >= kOfPixels * static_cast<double>(sorted.size());
-}
-
-// The frames of one set that were there already, by their pixels.
-class SeenFrames {
- public:
-  // A frame has no noise against a copy of itself. (References may have none at all.)
-  void refuse_copy(const RawFrame& frame, std::uint64_t print) {
-    const auto [seen, is_new] = sources_.emplace(print, frame.source);
-    if (is_new || has_one_value(frame.dn)) return;
-    throw InputError(frame.source, fmt::format("has the same pixels as {}", seen->second),
-                     "frames of one set are taken one by one: remove the copy");
-  }
-
- private:
-  std::unordered_map<std::uint64_t, std::string> sources_;
-};
 
 struct DecodedFrame {
   RawFrame frame;
@@ -214,7 +173,7 @@ void for_each_frame(const FrameSet& set, const FrameFormat* like, Progress& prog
   const auto decode = [&set, like](int i) {
     DecodedFrame decoded{set.load(i), 0};
     check_frame(decoded.frame, like);
-    decoded.print = fingerprint(decoded.frame.dn);
+    decoded.print = pixel_fingerprint(decoded.frame.dn);
     if (like) take_black_of(*like, decoded.frame);
     return decoded;
   };
@@ -229,6 +188,7 @@ void for_each_frame(const FrameSet& set, const FrameFormat* like, Progress& prog
     const DecodedFrame decoded = pending.front().get();
     pending.pop_front();
     check_stop(progress);
+    // References may have no noise at all.
     if (set.kind != FrameKind::kReference) seen.refuse_copy(decoded.frame, decoded.print);
     use(decoded.frame, i);
     progress.advance(1);

@@ -134,6 +134,7 @@ void SceneMean::add(const RawFrame& frame) {
     begin(frame);
   else
     require_alike(frame, first_, pixels_.rows(), pixels_.cols());
+  seen_.refuse_copy(frame, pixel_fingerprint(frame.dn));
   pixels_.add(frame.dn);
   const auto& values = frame.dn.values();
   const auto white_dn = static_cast<float>(frame.white_dn);

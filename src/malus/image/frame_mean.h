@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/image/raw_frame.h"
+#include "malus/image/seen_frames.h"
 #include "malus/image/view.h"
 
 #include <cstdint>
@@ -33,7 +34,8 @@ class SceneMean {
   explicit SceneMean(int of_frames);
 
   /// Throws InputError, which names the frame, where its size, layout, black, white, gain, exposure
-  /// or kind of pixels is not the first one's, and for a mean.
+  /// or kind of pixels is not the first one's, for a mean, and for a copy of a frame (SeenFrames):
+  /// its noise does not average out.
   void add(const RawFrame& frame);
 
   /// All of them have come: floats with what the frames tell of themselves, black included; of
@@ -52,6 +54,7 @@ class SceneMean {
   int of_frames_;
   RawFrame first_;  ///< without its pixels
   FrameMean pixels_;
+  SeenFrames seen_;
   std::vector<std::uint32_t> saturated_;  ///< frames, per pixel; empty until one is
   int place_rows_ = 0, place_cols_ = 0;
   Plane<double> early_, late_;  ///< the halves' sums, per place
