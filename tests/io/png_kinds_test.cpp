@@ -120,17 +120,18 @@ TEST(PngKinds, TransparentGreyHasAlpha) {
   EXPECT_THAT(picture.planes[1].values(), ElementsAre(255, 0));
 }
 
-// A TIFF structure: the camera in the first directory, 1/4 s in the one of Exif.
+// A TIFF structure: the camera in the first directory, 1/4 s and ISO 400 in the one of Exif.
 std::string exif_of_camera() {
   std::string exif("MM\0\x2a\0\0\0\x08\0\x02", 10);
   exif += std::string("\x01\x10\0\x02\0\0\0\x05\0\0\0\x26", 12);
   exif += std::string("\x87\x69\0\x04\0\0\0\x01\0\0\0\x2c\0\0\0\0", 16);
   exif += std::string("IMX2\0\0", 6);
-  exif += std::string("\0\x01\x82\x9a\0\x05\0\0\0\x01\0\0\0\x3e\0\0\0\0", 18);
+  exif += std::string("\0\x02\x82\x9a\0\x05\0\0\0\x01\0\0\0\x4a", 14);
+  exif += std::string("\x88\x27\0\x03\0\0\0\x01\x01\x90\0\0\0\0\0\0", 16);
   return exif + std::string("\0\0\0\x01\0\0\0\x04", 8);
 }
 
-TEST(PngKinds, ExifTellsCameraAndExposure) {
+TEST(PngKinds, ExifTellsCameraExposureAndIso) {
   const testing::TemporaryFolder folder;
   std::string exif = exif_of_camera();
   write_rows(folder / "a.png", 2, 8, PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE, {{5, 6}},
@@ -141,6 +142,7 @@ TEST(PngKinds, ExifTellsCameraAndExposure) {
   const FrameInfo told = load_frame_info(folder / "a.png", {});
   EXPECT_EQ(told.camera, "IMX2");
   EXPECT_EQ(told.frame.exposure_s, 0.25);
+  EXPECT_EQ(told.frame.gain.iso, 400);
   // Damaged, it tells nothing, and the pixels are read.
   exif[7] = '\x7f';
   write_rows(folder / "b.png", 2, 8, PNG_COLOR_TYPE_GRAY, PNG_INTERLACE_NONE, {{5, 6}},

@@ -5,10 +5,28 @@ import struct
 
 import numpy as np
 import pytest
+from PIL import Image
 
 BAYER_MODEL = "sony-a7s2"  # bayer-rggb, black 512, ISO
 POLAR_MODEL = "imx250mzr-simulated"  # polar-mono, black 80, dB
 CODES = {"r": 0, "g": 1, "b": 2}
+KINDS = {1: ("B", 1), 2: ("B", 1), 3: ("H", 2), 4: ("I", 4), 5: ("I", 4), 10: ("i", 4)}  # of TIFF
+
+
+def directory(tags, at):
+    """A little-endian TIFF directory as it lies at `at`: tag to type and values."""
+    head, extra = struct.pack("<H", len(tags)), b""
+    extra_at = at + 2 + 12 * len(tags) + 4
+    for tag in sorted(tags):
+        kind, values = tags[tag]
+        content = struct.pack(f"<{len(values)}{KINDS[kind][0]}", *values)
+        head += struct.pack("<HHI", tag, kind, len(values) // (2 if kind in (5, 10) else 1))
+        if len(content) <= 4:
+            head += content.ljust(4, b"\0")
+        else:
+            head += struct.pack("<I", extra_at + len(extra))
+            extra += content + b"\0" * (len(content) % 2)
+    return head + struct.pack("<I", 0) + extra
 
 
 def write_dng(path, pixels, pattern="rggb", black=(512, 512, 512, 512), iso=400, exposure=0.01, corner=None):
@@ -16,22 +34,6 @@ def write_dng(path, pixels, pattern="rggb", black=(512, 512, 512, 512), iso=400,
     rows, cols = pixels.shape
     data = np.ascontiguousarray(pixels.astype("<u2")).tobytes()
     data += b"\0" * (len(data) % 2)
-    kinds = {1: ("B", 1), 2: ("B", 1), 3: ("H", 2), 4: ("I", 4), 5: ("I", 4), 10: ("i", 4)}
-
-    def directory(tags, at):
-        head, extra = struct.pack("<H", len(tags)), b""
-        extra_at = at + 2 + 12 * len(tags) + 4
-        for tag in sorted(tags):
-            kind, values = tags[tag]
-            content = struct.pack(f"<{len(values)}{kinds[kind][0]}", *values)
-            head += struct.pack("<HHI", tag, kind, len(values) // (2 if kind in (5, 10) else 1))
-            if len(content) <= 4:
-                head += content.ljust(4, b"\0")
-            else:
-                head += struct.pack("<I", extra_at + len(extra))
-                extra += content + b"\0" * (len(content) % 2)
-        return head + struct.pack("<I", 0) + extra
-
     exif = {} if iso == 0 else {34855: (3, [iso])}
     if exposure is not None:
         exif[33434] = (5, [round(exposure * 1_000_000), 1_000_000])
@@ -165,6 +167,28 @@ def test_a_silent_session_takes_gain_and_exposure_from_the_files(malus, tmp_path
     assert [g["iso"] for g in shown["gains"]] == [100, 400]
     low, high = (np.mean(g["temporal_sd_dark"]["value"]) for g in shown["gains"])
     assert low == pytest.approx(3, rel=0.1) and high == pytest.approx(10, rel=0.1)
+
+
+def exif_of(tags, first):
+    """A TIFF structure: `first` in the directory that begins it, the tags in that of Exif, behind it."""
+    at = 8 + len(directory(first | {34665: (4, [0])}, 8))
+    return struct.pack("<2sHI", b"II", 42, 8) + directory(first | {34665: (4, [at])}, 8) + directory(tags, at)
+
+
+@pytest.mark.parametrize("ending", ["tif", "png"])
+def test_exif_tells_gain_and_exposure(malus, tmp_path, ending):
+    def told(tags, text=b""):
+        Image.fromarray(noise_frame(1).astype(np.uint16)).save(
+            tmp_path / f"f.{ending}", exif=b"Exif\0\0" + exif_of(tags, {270: (2, text + b"\0")} if text else {}))
+        return malus("info", "--json", tmp_path / f"f.{ending}").json
+
+    shown = told({33434: (5, [1, 100]), 34855: (3, [400])})
+    assert (shown["iso"], shown["exposure_s"]) == (400, 0.01)
+    assert told({34855: (3, [65535]), 34867: (4, [102400])})["iso"] == 102400  # what two bytes do not hold
+    assert told({34855: (3, [65535])})["iso"] is None and told({34855: (3, [0])})["iso"] is None
+    if ending == "tif":  # malus' own word wins
+        shown = told({34855: (3, [400])}, b"[malus gain_db=12]")
+        assert shown["gain_db"] == 12 and shown["iso"] is None
 
 
 @pytest.mark.parametrize("kinds", ["physics", "dark-frames"])

@@ -125,6 +125,7 @@ Decoded read_png(const fs::path& path, bool pixels) {
   const ExifFacts exif = exif_in(path, file);
   decoded.camera = exif.camera;
   decoded.exposure_s = exif.exposure_s;
+  decoded.gain.iso = exif.iso;
   if (pixels) read_png_pixels(path, reader, decoded);
   return decoded;
 }

@@ -11,7 +11,7 @@ namespace malus::internal {
 
 struct ExifFacts {
   std::string camera;
-  std::optional<double> exposure_s;
+  std::optional<double> exposure_s, iso;  ///< above 0
 };
 
 /// Of the directory at this place. Throws InputError where a directory does not lie within the

@@ -77,7 +77,10 @@ enum TiffTag : std::uint16_t {
   kTileBytes = 325,
   kSampleFormat = 339,
   kExposure = 33434,
-  kExif = 34665
+  kExif = 34665,
+  kIso = 34855,
+  kRecommendedExposureIndex = 34866,
+  kIsoSpeed = 34867
 };
 
 /// A directory's values by their tags.
