@@ -1,5 +1,6 @@
 #include "malus/io/internal/fits.h"
 
+#include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 
 #include <cmath>
@@ -53,6 +54,72 @@ TEST(Fits, FirstStoredRowIsTheFirstUnlessTold) {
   EXPECT_THAT(parse_fits(top, "x").planes[0].values(), ElementsAre('a', 'b', 'c'));
   const auto bottom = fits(with(header(8, 1, 3), "ROWORDER= 'BOTTOM-UP'"), "abc");
   EXPECT_THAT(parse_fits(bottom, "x").planes[0].values(), ElementsAre('c', 'b', 'a'));
+}
+
+TEST(Fits, RowOrderIsReadInAnyCaseAndNoOtherIsPassedOver) {
+  const auto bottom = fits(with(header(8, 1, 3), "ROWORDER= 'bottom-up'"), "abc");
+  EXPECT_THAT(parse_fits(bottom, "x").planes[0].values(), ElementsAre('c', 'b', 'a'));
+  const auto other = fits(with(header(8, 1, 3), "ROWORDER= 'upwards'"), "abc");
+  EXPECT_THAT([&] { parse_fits(other, "x"); },
+              ThrowsMessage<InputError>(HasSubstr("ROWORDER is \"upwards\"")));
+}
+
+TEST(Fits, UnsignedSixtyFourBits) {
+  const std::string data("\x80\0\0\0\0\0\x01\xf5\x80\0\0\0\0\0\0\0", 16);  // 501, 0
+  for (const char* zero : {"BZERO   = 9223372036854775808", "BZERO   = 9.223372036854775808E18"}) {
+    const Decoded decoded = parse_fits(fits(with(header(64, 2, 1), zero), data), "x");
+    EXPECT_THAT(decoded.planes[0].values(), ElementsAre(501, 0));
+    EXPECT_EQ(decoded.sample, "uint64");
+  }
+  const auto far = fits(with(header(64, 2, 1), "BZERO   = 9223372036854775000"), data);
+  EXPECT_THAT([&] { parse_fits(far, "x"); }, ThrowsMessage<InputError>(HasSubstr("too far")));
+  const auto large = fits(with(header(64, 1, 1), "BZERO   = 9223372036854775808"),
+                          std::string("\0\0\0\0\0\0\0\0", 8));
+  EXPECT_THAT([&] { parse_fits(large, "x"); }, ThrowsMessage<InputError>(HasSubstr("above 2^24")));
+}
+
+TEST(Fits, ExponentsAreReadInEitherCase) {
+  auto cards = with(header(16, 1, 1), "BZERO   = 3.2768d4");
+  cards.push_back("EXPTIME = 1.5d-3");
+  const Decoded decoded = parse_fits(fits(cards, {0, 1}), "x");
+  EXPECT_EQ(decoded.planes[0].values()[0], 32769);
+  EXPECT_DOUBLE_EQ(decoded.exposure_s.value(), 0.0015);
+}
+
+// Standard 4.0, section 4.2.4.
+TEST(Fits, ExponentsAreWrittenInUpperCase) {
+  const Image one(1, 1, 7);
+  const std::string content = fits_content({&one, 1}, FitsSample::kUint16, "", 3e-5);
+  EXPECT_THAT(content, HasSubstr("EXPTIME =                3E-05"));
+}
+
+TEST(Fits, FramesInImageExtensionsAreToldOf) {
+  const malus::testing::TemporaryFolder folder;
+  const auto extension = [](const std::string& kind, int bitpix, int cols) {
+    auto cards = header(bitpix, cols, 2);
+    cards[0] = "XTENSION= '" + kind + "'";
+    cards.emplace_back("PCOUNT  = 0");
+    cards.emplace_back("GCOUNT  = 1");
+    return cards;
+  };
+  const auto frames_of = [&](const std::vector<std::vector<std::string>>& units) {
+    std::vector<std::uint8_t> file;
+    for (const auto& cards : units) {
+      const auto unit = fits(cards, std::string(2880, 'a'));  // all data fit into a block
+      file.insert(file.end(), unit.begin(), unit.end());
+    }
+    write_file(folder / "f.fits", std::string(file.begin(), file.end()), true);
+    return fits_frames(folder / "f.fits");
+  };
+  const auto first = header(16, 3, 2), mask = extension("IMAGE   ", 8, 3),
+             table = extension("BINTABLE", 16, 3), small = extension("IMAGE   ", 16, 2),
+             frame = extension("IMAGE   ", 16, 3);
+  EXPECT_EQ(frames_of({first, mask, table, small}), 1);
+  EXPECT_EQ(frames_of({first, std::vector<std::string>{"what no standard knows"}}), 1);
+  const auto refused = ThrowsMessage<InputError>(HasSubstr("more frames, as image extensions"));
+  EXPECT_THAT([&] { frames_of({first, frame}); }, refused);
+  EXPECT_THAT([&] { frames_of({first, table, mask, frame, frame}); }, refused);
+  EXPECT_THAT([&] { read_fits(folder / "f.fits", true); }, refused);
 }
 
 TEST(Fits, ScaleBlankAndFacts) {

@@ -1,7 +1,7 @@
 #include "malus/io/internal/fits.h"
 
 #include "malus/base/error.h"
-#include "malus/io/internal/stored_value.h"
+#include "malus/base/text.h"
 #include "malus/io/picture_file.h"
 
 #include <algorithm>
@@ -18,7 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kCard = 80, kFitsBlock = 2880;
 constexpr std::size_t kMaxFitsHeader = kFitsBlock * 1024;
 
 [[noreturn]] void damaged_fits(const fs::path& path, std::string_view problem) {
@@ -54,16 +53,19 @@ bool is_end_card(Bytes bytes, std::size_t at) {
   return trimmed({reinterpret_cast<const char*>(bytes.data()) + at, 8}) == "END";
 }
 
-Header parse_header(Bytes bytes, const fs::path& path) {
+std::size_t whole_blocks(std::size_t bytes) {
+  return (bytes + kFitsBlock - 1) / kFitsBlock * kFitsBlock;
+}
+
+// None where the bytes hold no END card.
+std::optional<Header> cards_in(Bytes bytes) {
   Header header;
-  for (std::size_t at = 0;; at += kCard) {
-    if (at + kCard > bytes.size() || at > kMaxFitsHeader)
-      damaged_fits(path, "its header is cut off (no END card)");
-    const std::string_view card(reinterpret_cast<const char*>(bytes.data()) + at, kCard);
+  for (std::size_t at = 0;; at += kFitsCard) {
+    if (at + kFitsCard > bytes.size() || at > kMaxFitsHeader) return std::nullopt;
+    const std::string_view card(reinterpret_cast<const char*>(bytes.data()) + at, kFitsCard);
     const std::string_view keyword = trimmed(card.substr(0, 8));
-    if (at == 0 && keyword != "SIMPLE") damaged_fits(path, "it does not begin with SIMPLE");
     if (is_end_card(bytes, at)) {
-      header.data_offset = (at + kCard + kFitsBlock - 1) / kFitsBlock * kFitsBlock;
+      header.data_offset = whole_blocks(at + kFitsCard);
       return header;
     }
     if (keyword == "COMMENT")
@@ -73,11 +75,21 @@ Header parse_header(Bytes bytes, const fs::path& path) {
   }
 }
 
+Header parse_header(Bytes bytes, const fs::path& path) {
+  if (bytes.size() >= kFitsCard && !begins_with(bytes, "SIMPLE "))
+    damaged_fits(path, "it does not begin with SIMPLE");
+  auto header = cards_in(bytes);
+  if (!header) damaged_fits(path, "its header is cut off (no END card)");
+  return std::move(*header);
+}
+
 std::optional<double> number(const Header& header, std::string_view key) {
   const auto found = header.values.find(key);
   if (found == header.values.end()) return std::nullopt;
   std::string text = found->second;
-  std::replace(text.begin(), text.end(), 'D', 'E');  // Fortran's double exponent
+  // Fortran's double exponent, which many write as programming languages do.
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return c == 'D' || c == 'd'; }, 'E');
   const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
   double value = 0;
   const auto [end, error] = std::from_chars(first, text.data() + text.size(), value);
@@ -109,11 +121,23 @@ struct Layout {
   bool bottom_up = false;
   /// Scaled integers are whole numbers still.
   bool whole() const { return bitpix > 0 && scale == 1 && zero == std::floor(zero); }
+  bool is_unsigned_64() const { return bitpix == 64 && scale == 1 && zero == 0x1p63; }
   std::size_t item_bytes() const { return static_cast<std::size_t>(std::abs(bitpix)) / 8; }
   std::size_t frame_bytes() const {
     return static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols) * item_bytes();
   }
 };
+
+// A colour filter's rows would be others without a word where the order cannot be read.
+bool is_bottom_up(const Header& header, const fs::path& path) {
+  const auto told = header.values.find("ROWORDER");
+  if (told == header.values.end() || told->second.empty()) return false;
+  const std::string order = lower_case(told->second);
+  if (order != "bottom-up" && order != "top-down")
+    damaged_fits(path,
+                 fmt::format("ROWORDER is \"{}\", neither TOP-DOWN nor BOTTOM-UP", told->second));
+  return order == "bottom-up";
+}
 
 Layout picture_layout(const Header& header, const fs::path& path) {
   Layout layout;
@@ -131,8 +155,12 @@ Layout picture_layout(const Header& header, const fs::path& path) {
   layout.zero = number_or(header, "BZERO", 0.0, path);
   layout.scale = number_or(header, "BSCALE", 1.0, path);
   if (layout.bitpix > 0) layout.blank = number(header, "BLANK");
-  const auto order = header.values.find("ROWORDER");
-  layout.bottom_up = order != header.values.end() && order->second == "BOTTOM-UP";
+  // A double holds no more integers one by one, and of their difference none is left.
+  constexpr double kMostShift = 0x1p52;
+  if (layout.bitpix == 64 && layout.whole() && std::abs(layout.zero) > kMostShift &&
+      !layout.is_unsigned_64())
+    damaged_fits(path, fmt::format("BZERO {:g} moves 64-bit integers too far", layout.zero));
+  layout.bottom_up = is_bottom_up(header, path);
   return layout;
 }
 
@@ -151,6 +179,12 @@ double stored(Bytes bytes, std::size_t offset, int bitpix) {
     default:
       return load_number<double>(bytes, offset, true);
   }
+}
+
+// BZERO 2^63 is the sign's bit turned over; as numbers, 2^63 swallows what is added to it.
+double unsigned_64(Bytes bytes, std::size_t offset) {
+  return static_cast<double>(load_number<std::uint64_t>(bytes, offset, true) ^ std::uint64_t{1}
+                                                                                   << 63);
 }
 
 void require_fits_bytes(const Layout& layout, std::size_t data_offset, std::uintmax_t file_bytes,
@@ -180,7 +214,8 @@ void decode_pixels(Bytes bytes, const Layout& layout, std::size_t data_offset, c
       float* row = plane.row(layout.bottom_up ? plane.rows() - 1 - r : r);
       for (int c = 0; c < plane.cols(); ++c, offset += item) {
         const double raw = stored(bytes, offset, layout.bitpix);
-        const double value = layout.zero + layout.scale * raw;
+        const double value =
+            layout.is_unsigned_64() ? unsigned_64(bytes, offset) : layout.zero + layout.scale * raw;
         const bool blank = layout.blank && raw == *layout.blank;
         if (layout.whole() && !blank) require_exact(path, value);
         row[c] = blank ? std::numeric_limits<float>::quiet_NaN() : static_cast<float>(value);
@@ -211,13 +246,68 @@ Decoded describe_fits(const Header& header, const Layout& layout) {
   return decoded;
 }
 
+constexpr std::size_t kUsualHeader = 4 * kFitsBlock;
+
 // Of a file, whose pixels may be many.
 Header read_fits_header(const fs::path& path) {
-  constexpr std::size_t kUsualHeader = 4 * kFitsBlock;
   const auto begin = read_bytes(path, kUsualHeader);
-  for (std::size_t at = 0; at + kCard <= begin.size(); at += kCard)
+  for (std::size_t at = 0; at + kFitsCard <= begin.size(); at += kFitsCard)
     if (is_end_card(begin, at)) return parse_header(begin, path);
   return parse_header(read_bytes(path, kMaxFitsHeader + kFitsBlock), path);
+}
+
+// The header of an extension at this place; none where something else stands there, which the
+// standard allows behind the last (section 3.5).
+std::optional<Header> extension_at(const fs::path& path, std::uintmax_t at,
+                                   std::uintmax_t file_bytes) {
+  for (const std::size_t most : {kUsualHeader, kMaxFitsHeader}) {
+    const auto bytes = read_part(
+        path, at, static_cast<std::size_t>(std::min<std::uintmax_t>(most, file_bytes - at)));
+    if (!begins_with(bytes, "XTENSION")) return std::nullopt;
+    if (auto header = cards_in(bytes)) return header;
+  }
+  return std::nullopt;
+}
+
+// Section 4.4.1: of an extension's data, padding left out. None of a header that makes no sense.
+std::optional<double> extension_bytes(const Header& header) {
+  double values = 1;
+  const double axes = number(header, "NAXIS").value_or(-1);
+  for (int axis = 1; axis <= axes; ++axis)
+    values *= number(header, fmt::format("NAXIS{}", axis)).value_or(-1);
+  const double bytes = std::abs(number(header, "BITPIX").value_or(-1)) / 8 *
+                       number(header, "GCOUNT").value_or(1) *
+                       (number(header, "PCOUNT").value_or(0) + (axes > 0 ? values : 0));
+  if (axes < 0 || axes > 999 || !(bytes >= 0)) return std::nullopt;
+  return bytes;
+}
+
+// Programs write stacks as image extensions, too. An image of another size or type (a mask, what a
+// preview is made of) is no frame beside the first.
+bool is_another_frame(const Header& header, const Layout& first) {
+  const auto is = [&](const char* key, double value) { return number(header, key) == value; };
+  const auto kind = header.values.find("XTENSION");
+  return kind != header.values.end() && kind->second == "IMAGE" &&
+         number(header, "NAXIS").value_or(0) >= 2 && is("BITPIX", first.bitpix) &&
+         is("NAXIS1", static_cast<double>(first.cols)) &&
+         is("NAXIS2", static_cast<double>(first.rows));
+}
+
+void refuse_frames_in_extensions(const Header& first, const Layout& layout, const fs::path& path) {
+  constexpr int kMostExtensions = 1000;
+  const std::uintmax_t file_bytes = require_file(path);
+  std::uintmax_t at = first.data_offset + whole_blocks(layout.frame_bytes() *
+                                                       static_cast<std::size_t>(layout.channels));
+  for (int i = 0; i < kMostExtensions && at < file_bytes; ++i) {
+    const auto header = extension_at(path, at, file_bytes);
+    if (!header) return;
+    if (is_another_frame(*header, layout))
+      throw InputError(path.string(), "it holds more frames, as image extensions",
+                       "save the frames as one FITS cube (NAXIS = 3) or as single files");
+    const auto bytes = extension_bytes(*header);
+    if (!bytes || *bytes > static_cast<double>(file_bytes)) return;
+    at += header->data_offset + whole_blocks(static_cast<std::size_t>(*bytes));
+  }
 }
 
 }  // namespace
@@ -238,18 +328,19 @@ bool begins_as_fits(Bytes head) { return begins_with(head, "SIMPLE"); }
 int fits_frames(const fs::path& path) {
   const Header header = read_fits_header(path);
   const Layout layout = picture_layout(header, path);
-  if (layout.channels == 1) return 1;  // what it holds is checked as it is read
-  check_fits_stack(layout, header.data_offset, path);
+  if (layout.channels != 1) check_fits_stack(layout, header.data_offset, path);
+  check_picture_size(path, layout.rows, layout.cols, 1);  // the rest is checked as it is read
+  refuse_frames_in_extensions(header, layout, path);
   return static_cast<int>(layout.channels);
 }
 
 Decoded read_fits(const fs::path& path, bool pixels, std::optional<int> frame) {
-  if (!frame && pixels) return parse_fits(read_bytes(path), path);
   const Header header = read_fits_header(path);
   Layout layout = picture_layout(header, path);
   if (!frame) {
     check_picture_size(path, layout.rows, layout.cols, layout.channels);
-    return describe_fits(header, layout);
+    refuse_frames_in_extensions(header, layout, path);
+    return pixels ? parse_fits(read_bytes(path), path) : describe_fits(header, layout);
   }
   check_fits_stack(layout, header.data_offset, path);
   MALUS_REQUIRE(*frame >= 0 && *frame < layout.channels);
@@ -260,57 +351,6 @@ Decoded read_fits(const fs::path& path, bool pixels, std::optional<int> frame) {
   const auto place = header.data_offset + static_cast<std::size_t>(*frame) * bytes;
   decode_pixels(read_part(path, place, bytes), layout, 0, path, decoded);
   return decoded;
-}
-
-namespace {
-
-template <class T>
-void append_big_endian(std::string& out, T value) {
-  char raw[sizeof(T)];
-  std::memcpy(raw, &value, sizeof(T));
-  if constexpr (std::endian::native == std::endian::little) std::reverse(raw, raw + sizeof(T));
-  out.append(raw, sizeof(T));
-}
-
-void pad_block(std::string& out, char fill) {
-  out.append((kFitsBlock - out.size() % kFitsBlock) % kFitsBlock, fill);
-}
-
-}  // namespace
-
-std::string fits_content(std::span<const Image> planes, FitsSample sample,
-                         const std::string& description, std::optional<double> exposure_s) {
-  std::string out;
-  const auto card = [&](std::string text) {
-    text.resize(kCard, ' ');
-    out += text;
-  };
-  const int bitpix = sample == FitsSample::kUint8 ? 8 : sample == FitsSample::kUint16 ? 16 : -32;
-  card("SIMPLE  =                    T");
-  card(fmt::format("BITPIX  = {:>20}", bitpix));
-  card(fmt::format("NAXIS   = {:>20}", planes.size() == 1 ? 2 : 3));
-  card(fmt::format("NAXIS1  = {:>20}", planes[0].cols()));
-  card(fmt::format("NAXIS2  = {:>20}", planes[0].rows()));
-  if (planes.size() > 1) card(fmt::format("NAXIS3  = {:>20}", planes.size()));
-  if (bitpix == 16) card(fmt::format("BZERO   = {:>20}", 32768));
-  card("ROWORDER= 'TOP-DOWN'");
-  if (exposure_s) card(fmt::format("EXPTIME = {:>20}", *exposure_s));
-  for (std::size_t at = 0; at < description.size(); at += kCard - 8)
-    card("COMMENT " + description.substr(at, kCard - 8));
-  card("END");
-  pad_block(out, ' ');
-  for (const Image& plane : planes)
-    for (const float value : plane.values()) {
-      if (sample == FitsSample::kUint8)
-        out += static_cast<char>(stored_value<std::uint8_t>(value));
-      else if (sample == FitsSample::kUint16)
-        append_big_endian(out,
-                          static_cast<std::int16_t>(stored_value<std::uint16_t>(value) - 32768));
-      else
-        append_big_endian(out, value);
-    }
-  pad_block(out, '\0');
-  return out;
 }
 
 }  // namespace malus::internal

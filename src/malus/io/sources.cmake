@@ -11,6 +11,7 @@ set(io_SOURCES
   exr_picture.cpp
   file_bytes.cpp
   fits.cpp
+  fits_write.cpp
   frame_file.cpp
   frame_stack.cpp
   frame_tags.cpp

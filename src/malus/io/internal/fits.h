@@ -13,14 +13,16 @@
 
 namespace malus::internal {
 
+inline constexpr std::size_t kFitsCard = 80, kFitsBlock = 2880;
+
 /// Throws InputError; path is for messages. With pixels false only the header has to be there.
 Decoded parse_fits(Bytes bytes, const std::filesystem::path& path, bool pixels = true);
 
 /// Whether a file begins as one does.
 bool begins_as_fits(Bytes head);
 
-/// How many frames the file holds: the third axis. Reads its header, and throws InputError where
-/// the file is shorter than that says.
+/// How many frames the file holds: the third axis. Reads its headers, and throws InputError where
+/// the file is shorter than that says, or where image extensions of the same size and type follow.
 int fits_frames(const std::filesystem::path& path);
 
 /// The file, or its header alone; with `frame` that frame alone, of which no other's pixels are
