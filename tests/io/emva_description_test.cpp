@@ -37,6 +37,12 @@ TEST(EmvaDescription, SetsBecomeGroups) {
   EXPECT_EQ(session.groups[2].level, 2);
 }
 
+// As Windows' editors begin a text.
+TEST(EmvaDescription, AByteOrderMarkIsPassedOver) {
+  EXPECT_EQ(emva_session_of("\xef\xbb\xbf" + std::string(kGoodDescription)).session.groups.size(),
+            3u);
+}
+
 TEST(EmvaDescription, DefectsNameTheirLine) {
   const auto refused = [](const std::string& text, const std::string& what) {
     EXPECT_THAT([&] { emva_session_of(text); }, ThrowsMessage<InputError>(HasSubstr(what))) << text;

@@ -169,6 +169,7 @@ TEST(FrameStack, FramesOfOneFileAreAlike) {
   };
   refused({.rows = 6, .cols = 4}, "4x6 pixels of uint16");
   refused({.cols = 12, .bits = 8}, "12x4 pixels of uint8");
+  refused({.photometric = 0}, "6x4 pixels of uint16, 0 is white");
 }
 
 TEST(FrameStack, ChainsThatLeadNowhereAreRefused) {
@@ -212,7 +213,12 @@ TEST(FrameStack, ImagesWithoutAPageAreRefused) {
   };
   expect_stack_refused(with_description("ImageJ=1.53t\nimages=500\nslices=500\n"),
                        "it holds 500 images of ImageJ, but one page");
-  for (const char* text : {"ImageJ=1.53t\nimages=1\n", "ImageJ=1.53t\n", "a\nimages=2", "x"})
+  expect_stack_refused(with_description(R"({"truncated": true, "shape": [8, 1, 2]})"),
+                       "it holds 8 images of tifffile, but one page");
+  // The second: a frame that somebody cut out of a stack.
+  for (const char* text : {R"({"shape": [1, 1, 2], "truncated": true})", R"({"shape": [8, 1, 2]})",
+                           R"({"truncated": true, "shape": {"a": "b"}})", "{", "{}",
+                           "ImageJ=1.53t\nimages=1\n", "ImageJ=1.53t\n", "a\nimages=2", "x"})
     EXPECT_EQ(load_frame(with_description(text)).dn.values(), (std::vector<float>{'a', 'b'}));
 }
 

@@ -77,6 +77,17 @@ TEST(Netpbm, SaysWhatIsWrongAndWhatToDo) {
   EXPECT_THROW(parsed("P5\n99999999 99999999\n255\n"), InputError);
 }
 
+TEST(Netpbm, AByteTooManyShiftsNoPixels) {
+  const std::string windows = "P5\r\n3 1\r\n255\r\n";
+  EXPECT_THAT([&] { parsed(windows + "abc"); },
+              ThrowsMessage<InputError>(HasSubstr("shifts its pixels by one")));
+  // Its first pixel is 10.
+  EXPECT_THAT(parsed("P5\n3 1\n255\r\nab").planes[0].values(), ElementsAre('\n', 'a', 'b'));
+  EXPECT_THAT(parsed("P5\n3 1\n255\nabc\n").planes[0].values(), ElementsAre('a', 'b', 'c'));
+  EXPECT_THAT([&] { parsed("P5\n3 1\n255\nabc\x07"); },
+              ThrowsMessage<InputError>(HasSubstr("goes on after its picture")));
+}
+
 TEST(Netpbm, FramesAndPicturesAreReadByTheirFirstBytes) {
   const malus::testing::TemporaryFolder folder;
   std::ofstream(folder / "frame.raw", std::ios::binary) << "P5\n2 1\n1000\n"

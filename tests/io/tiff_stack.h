@@ -16,7 +16,8 @@ struct TiffPage {
   std::uint16_t first_value = 0;  // of the pixels, which count on
   std::uint32_t subfile = 0;      // 1: a thumbnail
   bool deflate = false;
-  std::uint16_t bits = 16;  // as the directory says
+  std::uint16_t bits = 16;        // as the directory says
+  std::uint16_t photometric = 1;  // 0: 0 is white
 
   std::string strip() const {
     std::string bytes;
@@ -79,7 +80,7 @@ class TiffStack {
     entry(257, page.rows);
     entry(258, page.bits);
     entry(259, page.deflate ? 8 : 1);
-    entry(262, 1);
+    entry(262, page.photometric);
     entry(273, strip_at);
     entry(277, 1);
     entry(278, page.rows);

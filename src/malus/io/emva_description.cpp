@@ -173,6 +173,8 @@ class Parser {
 
 EmvaSession parse_emva_description(std::string_view text, const fs::path& source,
                                    const fs::path& folder, bool check_files) {
+  constexpr std::string_view kByteOrderMark = "\xef\xbb\xbf";
+  if (text.starts_with(kByteOrderMark)) text.remove_prefix(kByteOrderMark.size());
   Parser parser(source, folder, check_files);
   while (!text.empty()) {
     const auto end = std::min(text.find('\n'), text.size());

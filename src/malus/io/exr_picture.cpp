@@ -51,7 +51,8 @@ void check_part(const fs::path& path, const Imf::MultiPartInputFile& file) {
   if (header.hasType() && Imf::isDeepData(header.type()))
     unreadable_picture(path, "it is a deep picture");
   for (auto at = header.channels().begin(); at != header.channels().end(); ++at) {
-    if (at.channel().type == Imf::UINT) unreadable_picture(path, "uint32 channels");
+    if (at.channel().type == Imf::UINT)
+      throw InputError(path.string(), "uint32 channels are not read", "store half or float");
     if (at.channel().xSampling != 1 || at.channel().ySampling != 1)
       unreadable_picture(path, std::string("the channel ") + at.name() + " has fewer pixels");
   }

@@ -110,9 +110,11 @@ Decoded read_mosaic(const fs::path& path, const FrameOptions& options, bool pixe
   Decoded decoded = options.raw_format ? read_headerless(path, options, pixels)
                                        : internal::read_any(path, pixels);
   if (decoded.channels != 1)
-    throw InputError(path.string(),
-                     fmt::format("it has {} channels, a raw mosaic has one", decoded.channels),
-                     "give the camera's raw frame; pictures go through malus simulate");
+    throw InputError(
+        path.string(), fmt::format("it has {} channels, a raw mosaic has one", decoded.channels),
+        decoded.sheets ? "give the camera's raw frame; a stack needs one page per frame "
+                         "(tifffile: photometric='minisblack')"
+                       : "give the camera's raw frame; pictures go through malus simulate");
   if ((options.rows > 0 && decoded.rows != options.rows) ||
       (options.cols > 0 && decoded.cols != options.cols))
     throw InputError(path.string(),

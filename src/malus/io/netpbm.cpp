@@ -25,6 +25,7 @@ constexpr std::uint32_t kLargest = 65535;
 struct NetpbmHeader {
   std::uint32_t cols = 0, rows = 0, largest = 0;
   std::size_t data_offset = 0;
+  bool ends_in_two = false;  // carriage return and line feed, of which one is a pixel
 };
 
 bool is_netpbm_space(char c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
@@ -73,6 +74,8 @@ NetpbmHeader parse_header(Bytes bytes, const fs::path& path) {
   header.rows = numbers.next();
   header.largest = numbers.next();
   header.data_offset = numbers.end();
+  header.ends_in_two = header.data_offset < length && bytes[header.data_offset - 1] == '\r' &&
+                       bytes[header.data_offset] == '\n';
   if (header.largest < 1 || header.largest > kLargest)
     damaged_netpbm(path, fmt::format("declares values up to {}", header.largest));
   return header;
@@ -116,7 +119,11 @@ Decoded parse_netpbm(Bytes bytes, const fs::path& path, bool pixels) {
   if (bytes.size() < needed)
     damaged_netpbm(path, fmt::format("has {} bytes, {}x{} pixels need {}", bytes.size(),
                                      header.cols, header.rows, needed));
-  if (bytes.size() > needed + 1)  // a line's end
+  const std::size_t beyond = bytes.size() - needed;
+  if (beyond == 1 && header.ends_in_two)
+    throw InputError(path.string(), "its header ends in two bytes, which shifts its pixels by one",
+                     "write its header's lines with \\n alone");
+  if (beyond > 1 || (beyond == 1 && bytes.back() != '\n'))  // a line's end
     throw InputError(path.string(), "it goes on after its picture",
                      "store one picture in a PGM file");
   decoded.planes = Planes(decoded.channels, decoded.rows, decoded.cols);

@@ -16,6 +16,7 @@
 #include <unordered_set>
 
 #include <fmt/format.h>
+#include <nlohmann/json.hpp>
 #include <sys/stat.h>
 
 namespace malus::internal {
@@ -23,9 +24,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::uint64_t kWhiteIsZero = 0, kBlackIsZero = 1;
+
 // What all frames of a stack share.
 struct PageKind {
-  std::uint64_t cols, rows, samples, bits, sample_format;
+  std::uint64_t cols, rows, samples, bits, sample_format, photometric;
   bool operator==(const PageKind&) const = default;
 
   std::string text() const {
@@ -33,14 +36,18 @@ struct PageKind {
                              : sample_format == 2 ? "int"
                              : sample_format == 1 ? "uint"
                                                   : "unknown";
-    return fmt::format("{}x{} pixels of {}{}{}", cols, rows, type, bits,
-                       samples == 1 ? "" : fmt::format(" in {} channels", samples));
+    const std::string meaning = photometric == kWhiteIsZero ? ", 0 is white"
+                                : photometric == kBlackIsZero
+                                    ? ""
+                                    : fmt::format(" of photometric interpretation {}", photometric);
+    return fmt::format("{}x{} pixels of {}{}{}{}", cols, rows, type, bits,
+                       samples == 1 ? "" : fmt::format(" in {} channels", samples), meaning);
   }
 };
 
 PageKind kind_of(const TiffTags& tags) {
-  return {tags.one(kCols, 0), tags.one(kRows, 0), tags.one(kSamples, 1), tags.one(kBits, 1),
-          tags.one(kSampleFormat, 1)};
+  return {tags.one(kCols, 0), tags.one(kRows, 0),         tags.one(kSamples, 1),
+          tags.one(kBits, 1), tags.one(kSampleFormat, 1), tags.one(kPhotometric, kBlackIsZero)};
 }
 
 bool is_frame_page(const TiffTags& tags) {
@@ -55,16 +62,39 @@ bool is_frame_page(const TiffTags& tags) {
 }
 
 // Beyond 4 GB ImageJ writes the pixels of all images one after the other, and one directory.
-void refuse_hidden_images(const TiffFile& file, const TiffTags& tags) {
-  constexpr std::uint64_t kBeginning = 256;
-  const std::string text = tags.text(kDescription, kBeginning);
+long images_of_imagej(const std::string& description) {
   constexpr std::string_view kImages = "\nimages=";
-  const std::size_t at = text.find(kImages);
-  if (!text.starts_with("ImageJ=") || at == text.npos) return;
-  const long images = std::strtol(text.c_str() + at + kImages.size(), nullptr, 10);
-  if (images > 1)
-    refuse_pages(file, fmt::format("it holds {} images of ImageJ, but one page", images),
-                 "save the frames as several pages, as single files or as a .npy array");
+  const std::size_t at = description.find(kImages);
+  if (!description.starts_with("ImageJ=") || at == description.npos) return 0;
+  return std::strtol(description.c_str() + at + kImages.size(), nullptr, 10);
+}
+
+// As tifffile does when it is asked to (truncate=True). Whoever cuts one frame out of a stack may
+// leave its description as it was, without that word.
+long images_of_tifffile(const std::string& description, const PageKind& page) {
+  if (!description.starts_with('{')) return 0;
+  const auto told = nlohmann::json::parse(description, nullptr, false);
+  if (!told.is_object() || told.value("truncated", nlohmann::json()) != true) return 0;
+  double values = 1;
+  for (const auto& extent : told.value("shape", nlohmann::json::array()))
+    values *= extent.is_number() ? extent.get<double>() : 1.0;
+  const double of_page = static_cast<double>(page.cols) * static_cast<double>(page.rows) *
+                         static_cast<double>(page.samples);
+  return static_cast<long>(std::clamp(values / of_page, 0.0, 1e9));
+}
+
+// One page whose description tells of more: the others would be lost without a word.
+void refuse_hidden_images(const TiffFile& file, const TiffTags& tags) {
+  constexpr std::uint64_t kBeginning = 4096;
+  const std::string text = tags.text(kDescription, kBeginning);
+  const long of_imagej = images_of_imagej(text),
+             of_tifffile = images_of_tifffile(text, kind_of(tags));
+  if (of_imagej > 1 || of_tifffile > 1)
+    refuse_pages(
+        file,
+        fmt::format("it holds {} images of {}, but one page", std::max(of_imagej, of_tifffile),
+                    of_imagej > 1 ? "ImageJ" : "tifffile"),
+        "save the frames as several pages, as single files or as a .npy array");
 }
 
 // The frames of one file, page by page.

@@ -96,7 +96,8 @@ void check_samples(const fs::path& path, const TiffSamples& samples) {
   if (const auto meaning = other_meaning(samples.photometric); !meaning.empty())
     throw InputError(path.string(), fmt::format("its samples are {}", meaning),
                      "store grey (0 is black) or RGB");
-  if (samples.depth > 1) unreadable_picture(path, "it is a volume");
+  if (samples.depth > 1)
+    throw InputError(path.string(), "it is a volume", "save its layers as pages");
   if (type_name(samples).empty())
     throw InputError(path.string(),
                      fmt::format("samples of type {}{} are not read",
@@ -228,6 +229,7 @@ Decoded read_tiff(const fs::path& path, std::uintmax_t file_bytes, std::uint64_t
   Decoded decoded;
   decoded.format = "tiff";
   decoded.sample = type_name(samples);
+  decoded.sheets = samples.channels > 1 && samples.planar == PLANARCONFIG_SEPARATE;
   decoded.negative = samples.photometric == PHOTOMETRIC_MINISWHITE;
   decoded.rows = static_cast<int>(samples.rows);
   decoded.cols = static_cast<int>(samples.cols);
@@ -239,6 +241,7 @@ Decoded read_tiff(const fs::path& path, std::uintmax_t file_bytes, std::uint64_t
   const ExifFacts exif = exif_facts(tiff_file(path, file_bytes), directory);
   decoded.camera = exif.camera;
   decoded.exposure_s = exif.exposure_s;
+  decoded.gain.iso = exif.iso;
   if (!pixels) return decoded;
   check_deflated(path, file_bytes, directory);
   decoded.planes = Planes(decoded.channels, decoded.rows, decoded.cols);

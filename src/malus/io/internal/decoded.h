@@ -21,6 +21,7 @@ struct Decoded {
   int bits = 0;  ///< of integer data, 0 for float
   std::vector<std::string> names;
   Planes planes;          ///< values as stored; empty after a probe
+  bool sheets = false;    ///< the channels lie one after the other, as frames of a stack would
   bool negative = false;  ///< says that 0 is white; a camera's codes are not turned round by that
 
   std::optional<SensorLayout> layout;
