@@ -171,6 +171,38 @@ TEST(Capture, ContinuesAfterAnInterruption) {
   EXPECT_EQ(load_session(report.session).groups[0].paths.size(), 5u);
 }
 
+// As a machine that lost its power leaves them.
+TEST(Capture, TakesDamagedFramesAgain) {
+  const TemporaryFolder folder;
+  const auto plan = load_capture_plan(write_plan(folder, kFakePlan));
+  capture(plan, folder / "out", {}, silent_progress());
+  const auto bias = folder / "out" / "bias/g0/e0.0001";
+  const auto whole = std::filesystem::file_size(bias / "f000001.tif");
+  for (const std::uintmax_t left : {std::uintmax_t{0}, std::uintmax_t{100}, whole / 2}) {
+    std::filesystem::resize_file(bias / "f000004.tif", left);
+    const auto report = capture(plan, folder / "out", {}, silent_progress());
+    EXPECT_EQ(report.steps[0].kept, 3) << left;
+    EXPECT_EQ(report.steps[0].taken, 2) << left;
+    EXPECT_EQ(std::filesystem::file_size(bias / "f000004.tif"), whole);
+  }
+}
+
+TEST(Capture, OneRunWritesIntoAFolderAtATime) {
+  const TemporaryFolder folder;
+  const auto plan = load_capture_plan(write_plan(folder, kFakePlan));
+  std::string refused;
+  const auto again = [&](const CaptureStep&) {
+    try {
+      capture(plan, folder / "out", {}, silent_progress());
+    } catch (const InputError& error) {
+      refused = error.problem();
+    }
+  };
+  capture(plan, folder / "out", {.ask = again}, silent_progress());
+  EXPECT_EQ(refused, "another capture is writing into this folder");
+  EXPECT_FALSE(std::filesystem::exists(folder / "out" / ".lock"));
+}
+
 TEST(Capture, RefusesTheFolderOfAnotherPlanAndImpossibleSettings) {
   const TemporaryFolder folder;
   capture(load_capture_plan(write_plan(folder, kFakePlan)), folder / "out", {}, silent_progress());

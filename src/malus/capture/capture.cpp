@@ -2,6 +2,7 @@
 
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/folder_lock.h"
 #include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
@@ -9,6 +10,7 @@
 #include "malus/capture/camera.h"
 #include "malus/capture/internal/frame_writer.h"
 #include "malus/capture/internal/loss_count.h"
+#include "malus/io/frame_file.h"
 
 #include <algorithm>
 #include <chrono>
@@ -28,13 +30,12 @@ constexpr std::size_t kQueueBytes = 256u << 20;  // frames that wait for the dis
 constexpr double kSaturationWarning = 0.001;
 constexpr const char* kPlanCopy = "plan.toml";
 
-// A folder belongs to one plan: its copy lies beside the frames.
+// A folder belongs to one plan: its copy lies beside the frames. Contract: it is there.
 void claim_folder(const CapturePlan& plan, const fs::path& folder) {
   const auto content = [](const fs::path& path) {
     std::ifstream in(path, std::ios::binary);
     return std::string{std::istreambuf_iterator<char>(in), {}};
   };
-  make_output_folder(folder);
   const fs::path copy = folder / kPlanCopy;
   std::error_code absent;
   if (fs::equivalent(plan.source, copy, absent))  // a change of it could not be told
@@ -133,11 +134,23 @@ fs::path frame_path(const fs::path& folder, int index) {
   return folder / fmt::format("f{:06d}.tif", index + 1);
 }
 
+// A machine that loses its power may leave a frame's name without its content.
+bool is_whole(const fs::path& frame) try {
+  const FrameInfo info = probe_frame(frame);
+  const auto pixels =
+      static_cast<std::uintmax_t>(info.rows) * static_cast<std::uintmax_t>(info.cols);
+  return fs::file_size(frame) > sizeof(std::uint16_t) * pixels;
+} catch (const InputError&) {
+  return false;
+}
+
 // Frames are written in order and appear whole: the first gap is where an interrupted run stopped.
 // Its writers may have left gaps: what lies beyond the first is taken again.
 int whole_frames(const fs::path& folder, int wanted) {
   int count = 0;
-  while (count < wanted && fs::exists(frame_path(folder, count))) ++count;
+  while (count < wanted && fs::exists(frame_path(folder, count)) &&
+         is_whole(frame_path(folder, count)))
+    ++count;
   return count;
 }
 
@@ -228,6 +241,10 @@ class Run {
     make_output_folder(folder);
     remove_unfinished(folder, [](std::string_view name) { return name.ends_with(".tif"); });
     report.kept = whole_frames(folder, step.frames);
+    if (const fs::path next = frame_path(folder, report.kept);
+        report.kept < step.frames && fs::exists(next))
+      progress_.warn(fmt::format("{}: is damaged or cut off; frames from it on are taken again",
+                                 next.string()));
     const SettingsInForce now = set_up(plan_, step, camera_);
     report.gain_db = now.gain_db;
     report.exposure_s = now.exposure_s;
@@ -345,6 +362,8 @@ CaptureReport capture(const CapturePlan& plan, const fs::path& folder,
   report.camera = camera.name();
   report.pixel_format = prepare_camera(plan, camera);
   // After the camera's checks: a plan that it refuses can be corrected and given the same folder.
+  make_output_folder(folder);
+  const FolderLock lock(folder, "capture");
   claim_folder(plan, folder);
   Run run(plan, folder, camera, watcher, progress);
   const CaptureStep* first = nullptr;  // of its entry

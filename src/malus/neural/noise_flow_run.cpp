@@ -44,7 +44,7 @@ OrderedJson train_noise_flow(const NoiseFlowConfig& config, const TrainOptions& 
   description["seed"] = options.seed;
   const fs::path weights = options.folder / "weights.safetensors";
   const OutputFolder made(options.folder);
-  const FolderLock lock(options.folder);
+  const FolderLock lock(options.folder, "training");
   OrderedJson record;
   if (options.resume) record = record_of_finished(weights, description);
   if (record.is_null()) {

@@ -2,26 +2,11 @@
 #pragma once
 
 #include "malus/base/atomic_file.h"
+#include "malus/base/folder_lock.h"
 
 #include <filesystem>
 
 namespace malus {
-
-/// One run writes into a folder at a time: a lock on a hidden file there, which the system takes
-/// back from a process that ends, however it ends. Where the file system knows no locks, none is
-/// held.
-class FolderLock {
- public:
-  /// Throws InputError where another run holds the folder.
-  explicit FolderLock(const std::filesystem::path& folder);
-  ~FolderLock();
-  FolderLock(const FolderLock&) = delete;
-  FolderLock& operator=(const FolderLock&) = delete;
-
- private:
-  std::filesystem::path file_;
-  int held_ = -1;  ///< descriptor; -1: no lock
-};
 
 class RunFolder {
  public:
