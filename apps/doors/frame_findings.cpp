@@ -49,6 +49,8 @@ void collect_warnings(Findings& findings) {
       findings.warnings.push_back(fmt::format(
           "the largest value {:g} fits in {} bits; if the sensor has as many, give {}", largest,
           guess->bits, setting("white", static_cast<double>(guess->white_dn))));
+  if (const std::string complaint = level_complaint(frame); !complaint.empty())
+    findings.warnings.push_back(complaint);
   if (const std::string note = declaration_note(frame); !note.empty())
     findings.warnings.push_back(note);
   if (const std::string complaint = layout_complaint(frame.layout, findings.check);

@@ -53,6 +53,11 @@ def test_a_wrong_layout_is_seen(malus, tmp_path):
     assert "NOT as declared" in result.out
 
 
+def test_levels_that_the_pixels_contradict_are_reported(malus, tmp_path):
+    eight = save(tmp_path / "eight.npy", (noisy_polar_mosaic() >> 4).astype(np.uint8))
+    assert "its 8 bits do not reach the white level, check --white" in malus("info", "--json", eight, "--white", 4095).json["warnings"]
+
+
 def test_scaled_values_and_nan_are_reported(malus, tmp_path):
     shifted = save(tmp_path / "shifted.npy", noisy_polar_mosaic() * 16)
     found = malus("info", "--json", shifted).json
