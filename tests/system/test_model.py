@@ -91,6 +91,18 @@ def test_extrapolation_is_allowed_when_asked_for(malus):
     assert gain["K"]["value"][0] == pytest.approx(24.1, rel=0.02)
 
 
+@pytest.mark.parametrize("name, change, words", [
+    ("sensor/name", lambda file, name: file.create_dataset(name, data="camera"), "is text of variable length; store it as text of fixed length"),
+    ("physics/000/K/mean", lambda file, name: file.create_dataset(name, data=np.ones(2), compression="lzf"), "(lzf); store it with gzip"),
+])
+def test_what_h5py_writes_otherwise_is_told(refused, tmp_path, name, change, words):
+    shutil.copy(SEEDS / "good_full.h5", tmp_path / "m.h5")
+    with h5py.File(tmp_path / "m.h5", "a") as file:
+        del file[name]
+        change(file, name)
+    assert words in refused("model", "show", tmp_path / "m.h5")
+
+
 @pytest.mark.parametrize("seed", sorted(path.name for path in SEEDS.glob("bad_*.h5")))
 def test_misleading_files_are_refused(refused, seed, tmp_path):
     shutil.copy(SEEDS / seed, tmp_path / seed)

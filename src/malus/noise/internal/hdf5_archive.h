@@ -136,7 +136,9 @@ class Hdf5Reader {
     }
   }
   bool holds(const std::string& name) const;
-  [[noreturn]] void fail(const std::string& name, const std::string& problem) const;
+  /// Without a remedy: of a damaged file.
+  [[noreturn]] void fail(const std::string& name, const std::string& problem,
+                         const std::string& remedy = "") const;
 
  private:
   Hdf5Reader(const Hdf5Reader& parent, Hdf5Handle group, std::string where);
@@ -145,6 +147,8 @@ class Hdf5Reader {
   std::string first_stranger(std::size_t entries) const;
   Hdf5Handle open(const Field& field, int type_class, std::size_t rank, std::size_t max_values,
                   std::vector<std::size_t>& shape) const;
+  void require_filters(const Hdf5Handle& creation, const Field& field) const;
+  [[noreturn]] void refuse_variable(const Field& field) const;
   void read(const Hdf5Handle& data, const Field& field, std::int64_t type, void* values) const;
   /// The part that the data spaces select.
   void read(const Hdf5Handle& data, const Field& field, std::int64_t type, void* values,

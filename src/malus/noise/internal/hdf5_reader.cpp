@@ -19,19 +19,6 @@ namespace {
 constexpr std::size_t kLargestCompression = 1100;
 constexpr std::size_t kFreeBytes = std::size_t{1} << 16;
 
-bool known_filters(hid_t creation) {
-  for (int i = 0, n = H5Pget_nfilters(creation); i < n; ++i) {
-    unsigned flags = 0, settings = 0;
-    std::size_t count = 0;
-    const H5Z_filter_t filter = H5Pget_filter2(creation, static_cast<unsigned>(i), &flags, &count,
-                                               nullptr, 0, nullptr, &settings);
-    if (filter != H5Z_FILTER_DEFLATE && filter != H5Z_FILTER_SHUFFLE &&
-        filter != H5Z_FILTER_FLETCHER32)
-      return false;
-  }
-  return true;
-}
-
 std::string shape_text(const std::vector<std::size_t>& shape) {
   return shape.empty() ? "a single value" : fmt::format("{}", fmt::join(shape, " x "));
 }
@@ -60,9 +47,12 @@ Hdf5Reader::Hdf5Reader(const std::filesystem::path& path) : path_(path.string())
 Hdf5Reader::Hdf5Reader(const Hdf5Reader& parent, Hdf5Handle group, std::string where)
     : group_(std::move(group)), path_(parent.path_), where_(std::move(where)) {}
 
-void Hdf5Reader::fail(const std::string& name, const std::string& problem) const {
+void Hdf5Reader::fail(const std::string& name, const std::string& problem,
+                      const std::string& remedy) const {
   throw InputError(path_, fmt::format("{}{} {}", where_, name, problem),
-                   "the file is damaged or no malus noise model: calibrate again or take a copy");
+                   remedy.empty() ? "the file is damaged or no malus noise model: calibrate again "
+                                    "or take a copy"
+                                  : remedy);
 }
 
 int Hdf5Reader::version() const {
@@ -121,6 +111,28 @@ std::string Hdf5Reader::first_stranger(std::size_t entries) const {
   return {};
 }
 
+void Hdf5Reader::require_filters(const Hdf5Handle& creation, const Field& field) const {
+  constexpr H5Z_filter_t kLzf = 32000;  // as h5py registered it
+  for (int i = 0, n = H5Pget_nfilters(creation.id()); i < n; ++i) {
+    unsigned flags = 0, settings = 0;
+    std::size_t count = 0;
+    const H5Z_filter_t filter = H5Pget_filter2(creation.id(), static_cast<unsigned>(i), &flags,
+                                               &count, nullptr, 0, nullptr, &settings);
+    if (filter == H5Z_FILTER_DEFLATE || filter == H5Z_FILTER_SHUFFLE ||
+        filter == H5Z_FILTER_FLETCHER32)
+      continue;
+    fail(field.name,
+         fmt::format("is compressed by a filter that is not read ({})",
+                     filter == kLzf ? "lzf" : fmt::format("number {}", filter)),
+         "store it with gzip or without compression");
+  }
+}
+
+void Hdf5Reader::refuse_variable(const Field& field) const {
+  fail(field.name, "is text of variable length",
+       "store it as text of fixed length (h5py: numpy.bytes_)");
+}
+
 Hdf5Handle Hdf5Reader::open(const Field& field, int type_class, std::size_t rank,
                             std::size_t max_values, std::vector<std::size_t>& shape) const {
   if (!holds(field.name)) return {};
@@ -145,9 +157,9 @@ Hdf5Handle Hdf5Reader::open(const Field& field, int type_class, std::size_t rank
       fail(field.name, fmt::format("has an impossible size: {}", shape_text(shape)));
     values *= n;
   }
-  if (H5Pget_external_count(creation.id()) != 0 || H5Pget_layout(creation.id()) == H5D_VIRTUAL ||
-      !known_filters(creation.id()))
+  if (H5Pget_external_count(creation.id()) != 0 || H5Pget_layout(creation.id()) == H5D_VIRTUAL)
     fail(field.name, "is stored in a way that a noise model does not use");
+  require_filters(creation, field);
   const std::size_t item = H5Tget_size(type.id());
   const std::size_t stored = H5Dget_storage_size(data.id());
   if (item == 0 || item > kMaxTextBytes ||
@@ -189,7 +201,7 @@ void Hdf5Reader::text(const Field& field, std::string& value) const {
   const Hdf5Handle data = open(field, H5T_STRING, 0, 1, shape);
   if (!data.valid()) return;
   const Hdf5Handle type(H5Dget_type(data.id()), H5Tclose);
-  if (H5Tis_variable_str(type.id()) != 0) fail(field.name, "is text of variable length");
+  if (H5Tis_variable_str(type.id()) != 0) refuse_variable(field);
   value.assign(H5Tget_size(type.id()), '\0');
   read(data, field, type.id(), value.data());
   value.resize(std::min(value.find('\0'), value.size()));
@@ -200,7 +212,7 @@ void Hdf5Reader::texts(const Field& field, std::vector<std::string>& values) con
   const Hdf5Handle data = open(field, H5T_STRING, 1, kMaxTexts, shape);
   if (!data.valid()) return;
   const Hdf5Handle type(H5Dget_type(data.id()), H5Tclose);
-  if (H5Tis_variable_str(type.id()) != 0) fail(field.name, "is text of variable length");
+  if (H5Tis_variable_str(type.id()) != 0) refuse_variable(field);
   const std::size_t width = H5Tget_size(type.id());
   std::string packed(width * shape[0], '\0');
   read(data, field, type.id(), packed.data());
