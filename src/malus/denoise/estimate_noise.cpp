@@ -39,6 +39,9 @@ constexpr std::size_t kLeastPerLevel = 24;
 constexpr std::size_t kLeastLevels = 4;
 constexpr double kSmoothShare = 0.4;  // of a level's blocks
 constexpr double kMuchTexture = 0.2;  // of what looked like noise
+// Of the deviation, where next to all that looked like noise was texture: foliage, print and codes
+// (docs/noise-estimate.md).
+constexpr double kErrorOfTexture = 0.2;
 
 struct Block {
   double mean = 0;
@@ -139,12 +142,19 @@ double mean_signal(const std::vector<Block>& blocks) {
   return sum / static_cast<double>(std::max<std::size_t>(blocks.size(), 1));
 }
 
-std::string trust_statement(const PictureNoise& noise, double deviation_dn) {
-  return fmt::format(
+// left_out: share of the variance that was texture, 0 where it is little.
+std::string trust_statement(const PictureNoise& noise, double deviation_dn, double left_out) {
+  std::string text = fmt::format(
       "noise estimated from the picture itself: deviation {:.2f} DN at its mean signal, ±{:.0f} % "
-      "by sampling, from {:.0f} % of the picture and {} levels of brightness",
-      deviation_dn, std::max(100 * noise.relative_error, 1.0), 100 * noise.smooth_share,
-      noise.levels);
+      "by sampling{}, from {:.0f} % of the picture and {} levels of brightness",
+      deviation_dn, std::max(100 * noise.relative_error, 1.0), left_out > 0 ? " and texture" : "",
+      100 * noise.smooth_share, noise.levels);
+  if (left_out > 0)
+    text += fmt::format(
+        "; {:.0f} % of what looked like noise can be told from neighbouring pixels: it is texture "
+        "and was left out; finer texture was not, so the result may be blurred and too bright",
+        100 * left_out);
+  return text;
 }
 
 // A white level in the wrong scale is the usual cause.
@@ -295,15 +305,12 @@ Estimate<PictureNoise> noise_of_light(const RawFrame& frame, TextureSearch searc
   noise.smooth_share = measured.smooth_share;
   const double deviation_dn = fill_channels(measured, noise);
   estimate_row_deviation(dn, measured.saturated_dn, noise.profile);
-  noise.trust = trust_statement(noise, deviation_dn);
   // Through levels of nearly one brightness lines are unsteady everywhere else, and texture_share
   // with them.
-  const double left_out = 1 - std::pow(deviation_dn / seeming_dn, 2);
-  if (std::min(left_out, noise.texture_share) > kMuchTexture)
-    noise.trust += fmt::format(
-        "; {:.0f} % of what looked like noise can be told from neighbouring pixels: it is texture "
-        "and was left out; finer texture was not, so the result may be blurred and too bright",
-        100 * left_out);
+  double left_out = 1 - std::pow(deviation_dn / seeming_dn, 2);
+  if (!(std::min(left_out, noise.texture_share) > kMuchTexture)) left_out = 0;
+  noise.relative_error = std::hypot(noise.relative_error, kErrorOfTexture * left_out);
+  noise.trust = trust_statement(noise, deviation_dn, left_out);
   return noise;
 }
 

@@ -31,10 +31,12 @@ inline constexpr std::string_view kPictureNoiseLimits =
     "where the picture was smoothed, and what dark pixels have above black counts as light";
 
 struct PictureNoise {
-  NoiseProfile profile;       ///< estimated_from_picture is set
-  double relative_error = 0;  ///< of the deviation at the mean signal, one standard error
-  int levels = 0;             ///< of brightness that carry the fit, mean over the channels
-  double smooth_share = 0;    ///< of the blocks: how much of the picture could be used
+  NoiseProfile profile;  ///< estimated_from_picture is set
+  /// Of the deviation at the mean signal, one standard error: of sampling, and where much texture
+  /// was left out up to a fifth for that.
+  double relative_error = 0;
+  int levels = 0;           ///< of brightness that carry the fit, mean over the channels
+  double smooth_share = 0;  ///< of the blocks: how much of the picture could be used
   /// Of what looked like noise over all levels of brightness, left out of it (noise_floor.h). Of a
   /// small picture of one brightness it may be chance: trust tells what is left out at the mean.
   double texture_share = 0;

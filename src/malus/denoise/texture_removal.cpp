@@ -19,11 +19,17 @@ constexpr int kQuietPasses = 2;  // the first one's lines may not rise with the 
 // over the channels.
 constexpr double kErrorOfMean = 0.25;
 constexpr double kErrorInTexture = 1.0;
+constexpr double kUnlike = 1.5;  // times as bright, beside what is usual of the channels
 constexpr double kUnbounded = std::numeric_limits<double>::infinity();
 constexpr double kRoundings = 2.4;       // of which noise must be more to be seen in patches
 constexpr double kEnoughRange = 0.4;     // of the levels' brightnesses
 constexpr double kLittleTexture = 0.05;  // what the floors may err: lines are left alone
 constexpr double kTexture = 0.2;         // from here on nothing is kept of how channels differ
+
+// How much of the channels' own lines is kept beside that of them all.
+double kept_of(double noise_share) {
+  return std::clamp(1.0 - (1.0 - noise_share) / kTexture, 0.0, 1.0);
+}
 
 // From the darkest level's signal to the brightest's.
 double range_of(const std::vector<std::vector<VarianceLevel>>& levels) {
@@ -136,6 +142,44 @@ double share_left(const std::vector<std::vector<VarianceLevel>>& levels,
   return std::min(sum_after / sum_before, 1.0);
 }
 
+// Mean of a channel's signals.
+double usual_signal(const std::vector<VarianceLevel>& levels) {
+  double sum = 0;
+  for (const VarianceLevel& l : levels) sum += l.signal;
+  return sum / static_cast<double>(levels.size());
+}
+
+// What a quiet patch tells of every channel. The large cells of colour polarization may have ink on
+// some channels and paper on others: the quiet pixels are the dark ones, and where the variance is
+// thought to rise less than it does they would tell too little of the bright ones. Those lie
+// between that and what light alone makes of the dark ones' noise.
+std::vector<VarianceLevel> told_of_channels(const QuietPatches& quiet,
+                                            const std::vector<VarianceCurve>& curves,
+                                            const VarianceLines& lines, double root,
+                                            const std::vector<std::vector<VarianceLevel>>& levels) {
+  std::vector<VarianceLevel> told;
+  std::vector<double> brightness;  // of usual
+  for (std::size_t k = 0; k < levels.size(); ++k) {
+    const double signal = quiet.signal_dn[k];
+    told.push_back({signal, std::max(quiet.ratio * curves[k](signal), lines.rounding_dn2),
+                    quiet.relative_error * root});
+    brightness.push_back(signal / usual_signal(levels[k]));
+  }
+  const auto dark = static_cast<std::size_t>(
+      std::min_element(brightness.begin(), brightness.end()) - brightness.begin());
+  if (!lines.black_is_known || !(brightness[dark] > 0)) return told;
+  const VarianceLevel least = scaled(told[dark], 1.0 / lines.gain(dark));
+  for (std::size_t k = 0; k < levels.size(); ++k) {
+    if (brightness[k] < kUnlike * brightness[dark]) continue;
+    const double gain = lines.gain(k), most = least.variance * told[k].signal / least.signal * gain;
+    if (most <= told[k].variance) continue;
+    told[k].relative_error =
+        std::max(told[k].relative_error, 0.25 * std::log(most / told[k].variance));
+    told[k].variance = std::sqrt(told[k].variance * most);
+  }
+  return told;
+}
+
 // Smooth patches between the texture become levels of their own, where they clearly tell of less
 // noise than the lines. Returns the share of the variance that is left.
 double hear_quiet_patches(const Image& dn, const SensorLayout& layout,
@@ -157,13 +201,15 @@ double hear_quiet_patches(const Image& dn, const SensorLayout& layout,
         }))
       return 1.0;
     if (pass == 0) continue;
+    std::vector<std::vector<VarianceLevel>> told_of(levels.size());
+    for (const QuietPatches& q : quiet) {
+      const std::vector<VarianceLevel> of_patch = told_of_channels(q, curves, lines, root, levels);
+      for (std::size_t k = 0; k < levels.size(); ++k) told_of[k].push_back(of_patch[k]);
+    }
     for (std::size_t k = 0; k < levels.size(); ++k) {
-      std::vector<VarianceLevel> told, shown;
+      std::vector<VarianceLevel>& told = told_of[k];
+      std::vector<VarianceLevel> shown;
       for (const VarianceLevel& level : usual) shown.push_back(scaled(level, lines.gain(k)));
-      for (const QuietPatches& q : quiet)
-        told.push_back({q.signal_dn[k],
-                        std::max(q.ratio * curves[k](q.signal_dn[k]), lines.rounding_dn2),
-                        q.relative_error * root});
       shown.insert(shown.end(), told.begin(), told.end());
       bound_by(shown, lines.black_is_known, told);
       std::vector<VarianceLevel>& own = lines.levels[k] = levels[k];
@@ -194,12 +240,18 @@ double take_texture_off(const Image& dn, const SensorLayout& layout,
   }
   double noise_share = 1;
   for (int pass = 0; pass < kFloorPasses; ++pass) {
-    const double kept = std::clamp(1.0 - (1.0 - noise_share) / kTexture, 0.0, 1.0);
-    const std::vector<VarianceCurve> curves = lines.curves(kept);
+    std::vector<VarianceCurve> curves = lines.curves(kept_of(noise_share));
     std::vector<NoiseFloor> floors = noise_floor(dn, layout, curves, saturated_dn, dark_dn);
     if (floors.empty()) break;
+    if (pass == 0) {
+      const double seen = NoiseShare(floors, lines.levels).mean();
+      if (seen > 1.0 - kLittleTexture) break;
+      // Of channels whose lines differ by texture the noisiest one's pixels would seem quietest.
+      curves = lines.curves(kept_of(seen));
+      floors = noise_floor(dn, layout, curves, saturated_dn, dark_dn);
+      if (floors.empty()) break;
+    }
     const NoiseShare share(std::move(floors), lines.levels);
-    if (pass == 0 && share.mean() > 1.0 - kLittleTexture) break;
     noise_share = std::min(noise_share * share.mean(), 1.0);
     // What the floors err is the same for all channels: pooling must not average it away.
     const double error =
