@@ -50,7 +50,8 @@ NoiseProfile profile_by_model(const RawFrame& frame, const NoiseModel& model,
   try {
     FrameProfile made = frame_profile(frame, model, frame.gain, arguments.settings, place,
                                       gain_range(arguments.extrapolate_gain));
-    if (!made.left_out.empty()) warn_of(frame.source, made.left_out);
+    for (const std::string& line : {made.left_out, made.unseen})
+      if (!line.empty()) warn_of(frame.source, line);
     return std::move(made.profile);
   } catch (const InputError& error) {
     if (error.subject() == frame.source) throw;

@@ -66,6 +66,7 @@ NoiseProfile profile_of_frame(const RawFrame& frame, const ToldOfNoise& told,
   for (std::string& line : model_complaints(model, gain, cut_off_undone))
     complaints.push_back(std::move(line));
   add(made.left_out);
+  add(made.unseen);
   return std::move(made.profile);
 }
 

@@ -165,5 +165,20 @@ TEST(FrameProfile, ShadingThatIsTakenOutLeavesNoNoise) {
   EXPECT_NEAR((raw(0) - raw.temporal()(0)) / (kDsnuDn * kDsnuDn + kShading * kShading / 2), 1, 0.1);
 }
 
+// The same place but for four rows: the maps are of other pixels.
+TEST(FrameProfile, OfAPlaceWithAnotherPatternDoubtsItAndCountsThePatternAsNoise) {
+  const auto [model, shown] = patterned_camera(1);
+  RawFrame part = frame_of_size(128, 128);
+  for (int r = 0; r < 128; ++r)
+    for (int c = 0; c < 128; ++c) part.dn(r, c) = shown.dn(r + 40, c + 64);
+  const FrameProfile right = frame_profile(part, model, {}, {}, SensorPlace{40, 64}),
+                     wrong = frame_profile(part, model, {}, {}, SensorPlace{44, 64});
+  EXPECT_EQ(right.unseen, "");
+  EXPECT_THAT(wrong.unseen, HasSubstr("at row 44, column 64"));
+  const double whole_dn2 = std::pow(1000 * kPrnu, 2) + kDsnuDn * kDsnuDn;
+  EXPECT_DOUBLE_EQ(pattern_variance(wrong.profile), whole_dn2);
+  EXPECT_LT(pattern_variance(right.profile), whole_dn2 / 2);
+}
+
 }  // namespace
 }  // namespace malus

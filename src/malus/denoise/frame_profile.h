@@ -20,12 +20,16 @@ struct FrameProfile {
   /// nothing is left out. What speaks against the model or the gain is in
   /// denoise/frame_complaints.h.
   std::string left_out;
+  /// That the frame shows none of the pattern that the model has at a stated place, to be told
+  /// likewise; empty where nothing speaks against it, or no place was stated.
+  std::string unseen;
 };
 
 /// denoising_profile, with the fixed pattern and the defects that the settings ask for, cut to the
 /// frame, and with what the pattern leaves in the frame as noise (pattern_deviations_at): all of it
-/// where no maps fit the frame, nothing where it shows clearly less than half of them, their
-/// sampling error where they will be taken out. Nothing without settings.fixed_pattern. gain:
+/// where no maps fit the frame, and where it shows none of them though its place is stated; nothing
+/// where a frame of the whole sensor shows clearly less than half of them; their sampling error
+/// where they will be taken out. Nothing without settings.fixed_pattern. gain:
 /// frame.gain, unless the caller knows better. place: of the frame's first pixel on the calibrated
 /// sensor; none: maps and defects serve a frame of the sensor's whole size only. Throws InputError
 /// as denoising_profile, whose subject is the model's or the gain's, and as cut_to_window, whose
