@@ -59,7 +59,7 @@ void collect_warnings(Findings& findings) {
 }
 
 Json channel_columns(const std::vector<ChannelSummary>& channels) {
-  Json mean, minimum, maximum, saturated, below, noise;
+  Json mean, minimum, maximum, saturated, below, noise, noise_at;
   for (const ChannelSummary& c : channels) {
     mean.push_back(c.mean_dn);
     minimum.push_back(c.minimum_dn);
@@ -67,13 +67,15 @@ Json channel_columns(const std::vector<ChannelSummary>& channels) {
     saturated.push_back(c.saturated_share);
     below.push_back(c.below_black_share);
     noise.push_back(c.noise_dn ? Json(*c.noise_dn) : Json());
+    noise_at.push_back(c.noise_dn ? Json(c.noise_at_dn) : Json());
   }
   return {{"mean", {{"value", mean}, {"unit", "DN"}}},
           {"minimum", {{"value", minimum}, {"unit", "DN"}}},
           {"maximum", {{"value", maximum}, {"unit", "DN"}}},
           {"saturated_share", {{"value", saturated}, {"unit", "1"}}},
           {"below_black_share", {{"value", below}, {"unit", "1"}}},
-          {"noise_sd", {{"value", noise}, {"unit", "DN"}}}};
+          {"noise_sd", {{"value", noise}, {"unit", "DN"}}},
+          {"noise_sd_at", {{"value", noise_at}, {"unit", "DN"}}}};
 }
 
 }  // namespace

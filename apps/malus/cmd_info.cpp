@@ -63,14 +63,15 @@ std::string findings_text(const Findings& findings) {
   line("gain", frame.gain.text());
   line("exposure", frame.exposure_s ? fmt::format("{:g} s", *frame.exposure_s) : "unknown");
   line("layout check", layout_check_text(findings));
-  out += fmt::format("\n  {:<8}{:>11}{:>11}{:>11}{:>13}{:>13}\n", "channel", "mean/DN", "min/DN",
-                     "max/DN", "saturated/%", "noise sd/DN");
+  out += fmt::format("\n  {:<8}{:>11}{:>11}{:>11}{:>13}{:>13}{:>11}\n", "channel", "mean/DN",
+                     "min/DN", "max/DN", "saturated/%", "noise sd/DN", "at/DN");
   for (std::size_t i = 0; i < findings.channels.size(); ++i) {
     const ChannelSummary& c = findings.channels[i];
-    out += fmt::format("  {:<8}{:>11.2f}{:>11g}{:>11g}{:>13.3f}{:>13}\n",
+    out += fmt::format("  {:<8}{:>11.2f}{:>11g}{:>11g}{:>13.3f}{:>13}{:>11}\n",
                        frame.layout.channel_name(static_cast<int>(i)), c.mean_dn, c.minimum_dn,
                        c.maximum_dn, 100.0 * c.saturated_share,
-                       c.noise_dn ? fmt::format("{:.3f}", *c.noise_dn) : "undecided");
+                       c.noise_dn ? fmt::format("{:.3f}", *c.noise_dn) : "undecided",
+                       c.noise_dn ? fmt::format("{:.2f}", c.noise_at_dn) : "");
   }
   for (const auto& channel : findings.channels)
     if (!channel.noise_dn) {

@@ -46,6 +46,7 @@ def test_info_of_an_array_counts():
     assert told["saturated_share"]["value"][0] == pytest.approx(5 / (128 * 128), rel=0.01)
     assert told["below_black_share"]["value"][0] == pytest.approx(3 / (128 * 128), rel=0.01)
     assert told["noise_sd"] == {"value": [pytest.approx(8, rel=0.1)], "unit": "DN"}
+    assert told["noise_sd_at"] == {"value": [pytest.approx(300, abs=2)], "unit": "DN"}
     assert told["black_known"] and told["white_known"] and told["layout_known"] and told["gain_db"] is None
     assert not malus.info(mosaic)["black_known"]
 

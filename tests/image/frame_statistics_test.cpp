@@ -61,9 +61,21 @@ TEST(NoiseGuess, TextureInHalfOfTheFrameDoesNotRaiseIt) {
   EXPECT_NEAR(summarize(frame)[0].noise_dn.value(), 3.0, 0.3);
 }
 
+// The dark half of the frame is even, the bright one is not: the noise is the dark one's.
+TEST(NoiseGuess, SaysAtWhichLightItWasMeasured) {
+  RawFrame frame = noisy_frame("mono", 256, 256, 3.0);
+  for (int r = 0; r < 256; ++r)
+    for (int c = 0; c < 128; ++c)
+      frame.dn(r, c) += static_cast<float>(1000 + 300.0 * std::sin(0.9 * r) * std::sin(0.7 * c));
+  const ChannelSummary summary = summarize(frame)[0];
+  EXPECT_NEAR(summary.noise_at_dn, 200 + 0.05 * 128 + 0.03 * 192, 10);
+  EXPECT_GT(summary.mean_dn, 600);
+}
+
 TEST(NoiseGuess, UndecidedWhereItCannotKnow) {
   RawFrame small = noisy_frame("mono", 16, 16, 3.0);
   EXPECT_FALSE(summarize(small)[0].noise_dn.decided());
+  EXPECT_TRUE(std::isnan(summarize(small)[0].noise_at_dn));
   RawFrame flat = noisy_frame("mono", 128, 128, 0.0);
   std::fill(flat.dn.values().begin(), flat.dn.values().end(), 7.0f);
   EXPECT_FALSE(summarize(flat)[0].noise_dn.decided());

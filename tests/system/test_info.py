@@ -34,6 +34,7 @@ def test_numbers(malus, tmp_path):
     for channel, (r, c) in enumerate([(0, 0), (0, 1), (1, 0), (1, 1)]):
         assert found["mean"]["value"][channel] == pytest.approx(mosaic[r::2, c::2].mean(), rel=1e-9)
         assert found["noise_sd"]["value"][channel] == pytest.approx(5, rel=0.1)
+        assert found["noise_sd_at"]["value"][channel] == pytest.approx(found["mean"]["value"][channel], rel=0.1)
     assert found["saturated_share"]["value"][0] == pytest.approx(1 / 160**2)
     check = found["layout_check"]
     assert check["decided"] and check["winner"] == check["declared"] == "diagonal"

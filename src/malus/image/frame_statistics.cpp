@@ -123,7 +123,7 @@ BeyondLevels beyond_levels(const RawFrame& frame) {
 
 }  // namespace
 
-Estimate<double> noise_guess(View<const float> plane, double white_dn) {
+Estimate<NoiseGuess> noise_guess(View<const float> plane, double white_dn) {
   std::vector<Block> blocks;
   for (int row0 = 0; row0 + kBlock <= plane.rows(); row0 += kBlock)
     for (int col0 = 0; col0 + kBlock <= plane.cols(); col0 += kBlock) {
@@ -134,17 +134,20 @@ Estimate<double> noise_guess(View<const float> plane, double white_dn) {
                    [](const Block& a, const Block& b) { return a.activity < b.activity; });
   blocks.resize((blocks.size() + 1) / 2);
   std::vector<double> responses;
+  double sum = 0;
   for (const Block& block : blocks)
     for (int r = 1; r < kBlock - 1; ++r)
-      for (int c = 1; c < kBlock - 1; ++c)
+      for (int c = 1; c < kBlock - 1; ++c) {
         responses.push_back(std::abs(response(plane, block.row0 + r, block.col0 + c)));
+        sum += static_cast<double>(plane(block.row0 + r, block.col0 + c));
+      }
   if (static_cast<int>(responses.size()) < kMinResponses)
     return Undecided{
         fmt::format("{} pixels to judge from, {} are needed", responses.size(), kMinResponses)};
   const double deviation = grouped_median(responses) / kMedianOfNormal;
   if (responses[responses.size() / 2] == 0)
     return Undecided{"most neighbours are equal: the noise lies below the steps of the data"};
-  return deviation;
+  return NoiseGuess{deviation, sum / static_cast<double>(responses.size())};
 }
 
 std::vector<double> finite_means_dn(const RawFrame& frame) {
@@ -196,7 +199,11 @@ std::vector<ChannelSummary> summarize(const RawFrame& frame) {
     summary.saturated_share = finite > 0 ? summary.saturated_share / finite : 0.0;
     summary.below_black_share = finite > 0 ? summary.below_black_share / finite : 0.0;
     if (finite == 0) summary.minimum_dn = summary.maximum_dn = nan;
-    summary.noise_dn = noise_guess(planes[static_cast<int>(channel)], frame.white_dn);
+    const Estimate<NoiseGuess> noise =
+        noise_guess(planes[static_cast<int>(channel)], frame.white_dn);
+    summary.noise_dn =
+        noise ? Estimate<double>(noise->deviation_dn) : Estimate<double>(Undecided{noise.reason()});
+    if (noise) summary.noise_at_dn = noise->at_dn;
   }
   return summaries;
 }

@@ -5,6 +5,7 @@
 #include "malus/image/raw_frame.h"
 
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -19,6 +20,9 @@ struct ChannelSummary {
   std::int64_t pixels = 0, nonfinite = 0;
   /// Standard deviation of the noise [DN], see noise_guess; Undecided on too few pixels.
   Estimate<double> noise_dn = Undecided{"not measured"};
+  /// Mean of the pixels that it was measured on, black included: a scene's flatter half may be
+  /// brighter or darker than its mean. NaN where undecided.
+  double noise_at_dn = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// Per channel, mean of the finite pixels, black included; NaN without any.
@@ -36,13 +40,18 @@ double share_beyond_white(const RawFrame& frame);
 /// the range (bias and noise stay within), or white beyond what the integers hold.
 std::string level_complaint(const RawFrame& frame);
 
+/// A deviation of noise, and the mean of the pixels that it was measured on.
+struct NoiseGuess {
+  double deviation_dn = 0, at_dn = 0;
+};
+
 /// Noise of one channel's plane from a single frame, in its own unit: MAD / 0.6745 of the response
 /// to the 3x3 mask [1 -2 1; -2 4 -2; 1 -2 1] / 6, which ignores planes and straight horizontal or
 /// vertical edges (Immerkær, "Fast noise variance estimation", CVIU 64(2), 1996), over the flatter
 /// half of the 8x8 blocks. Includes fixed-pattern noise; texture in every block still raises it.
 /// Pixels >= white or not finite are left out. Undecided below 256 usable responses, and where most
 /// of them are the same (noise below the quantisation).
-Estimate<double> noise_guess(View<const float> plane, double white_dn);
+Estimate<NoiseGuess> noise_guess(View<const float> plane, double white_dn);
 
 /// How integer data fill their container, e.g. 12 bits shifted left by four: values are
 /// offset + step n + (0 .. spread).
