@@ -1,6 +1,7 @@
 // malus dataset: many synthetic pairs as tar shards, by any number of workers.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/fingerprint.h"
 #include "malus/base/parallel.h"
 #include "malus/base/text.h"
 #include "malus/base/unfinished_files.h"

@@ -75,23 +75,37 @@ void remove_shard_of_another_set(const fs::path& path, const std::string& set) {
     fs::remove(aside);
 }
 
+// Where two descriptions differ first: "seed: 0, now 1"; the name alone where values are long.
+std::string first_difference_in(const Json& then, const Json& now, const std::string& name = {}) {
+  constexpr std::size_t kMost = 40;
+  if (then.is_object() && now.is_object()) {
+    for (const auto& [key, value] : now.items())
+      if (!then.contains(key) || then[key] != value)
+        return first_difference_in(then.value(key, Json()), value,
+                                   name.empty() ? key : fmt::format("{}.{}", name, key));
+    for (const auto& [key, value] : then.items())
+      if (!now.contains(key)) return name.empty() ? key : fmt::format("{}.{}", name, key);
+  }
+  const std::string before = json_utf8(then, -1), after = json_utf8(now, -1);
+  return before.size() + after.size() > kMost ? name
+                                              : fmt::format("{}: {}, now {}", name, before, after);
+}
+
+// What dataset.json, which may have been edited, says differently.
+std::string difference_from(const std::string& text, const Json& description) {
+  try {
+    const std::string found = first_difference_in(Json::parse(text), description);
+    return found.empty() ? found : fmt::format(" ({})", found);
+  } catch (const Json::exception&) {
+    return {};
+  }
+}
+
 }  // namespace
 
 std::string fingerprint(std::string_view bytes) {
   Fingerprint print;
   print.add(bytes);
-  return print.text();
-}
-
-std::string file_fingerprint(const fs::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  std::string piece(std::size_t{1} << 20, '\0');
-  Fingerprint print;
-  while (file) {
-    file.read(piece.data(), static_cast<std::streamsize>(piece.size()));
-    print.add(std::string_view(piece).substr(0, static_cast<std::size_t>(file.gcount())));
-  }
-  if (!file.eof()) throw InputError(path.string(), "cannot be read", "check the name and the disk");
   return print.text();
 }
 
@@ -105,7 +119,10 @@ void prepare_dataset_folder(const fs::path& folder, const Json& description, boo
   if (found == text) return;
   // Without a shard it is of a run that failed before its first one: nothing is lost with it.
   if (!force && found && !shards.empty())
-    throw InputError(path.string(), "belongs to a data set with other settings or inputs", kRemedy);
+    throw InputError(path.string(),
+                     fmt::format("belongs to a data set with other settings or inputs{}",
+                                 difference_from(*found, description)),
+                     kRemedy);
   // dataset.json goes first: whenever this run is killed, it speaks for no shard but its own.
   if (force) fs::remove(path);
   for (const fs::path& shard : shards) {

@@ -14,8 +14,6 @@ namespace malus::app {
 /// 16 hexadecimal digits that differ where the bytes do: FNV-1a of 64 bits, against mistakes, not
 /// against somebody who wants two files to look the same.
 std::string fingerprint(std::string_view bytes);
-/// Throws InputError where the file cannot be read.
-std::string file_fingerprint(const std::filesystem::path& path);
 
 /// The key of a sample's facts under which the set's name stands.
 inline constexpr const char* kSetKey = "data_set";

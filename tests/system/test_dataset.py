@@ -208,7 +208,7 @@ def test_a_set_goes_on_with_the_same_inputs_alone(malus, refused, tmp_path):
     whole = shards(out)
     (out / "shard-000001.tar").unlink()
     plan.write_text(text.replace("black = 0", "black = 500"))
-    assert "other settings or inputs" in refused("dataset", plan, "-o", out)
+    assert "other settings or inputs (black: [0.0], now [500.0])" in refused("dataset", plan, "-o", out)
     plan.write_text(text)
     np.save(tmp_path / "a/integers.npy", np.full((128, 128), 501, np.uint16))  # as many bytes
     assert "other settings or inputs" in refused("dataset", plan, "-o", out)
