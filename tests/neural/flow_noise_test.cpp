@@ -235,5 +235,21 @@ TEST(FlowNoise, OlderFilesHaveTheEndsOfTheirGains) {
   EXPECT_EQ(sensor.setting_of(400).iso, 400);
 }
 
+// ISO 400 and 12 dB have one number and are two gains.
+TEST(FlowNoise, AGainInAnotherUnitThanTheFlowsIsRefused) {
+  NoiseFlowSensor sensor;
+  sensor.gains_db = {GainSetting{.gain_db = {}, .iso = 400}.decibel().value()};
+  sensor.lowest_gain_db = sensor.highest_gain_db = sensor.gains_db.front();
+  const GainSetting iso{.gain_db = {}, .iso = 400}, db{.gain_db = sensor.gains_db[0], .iso = {}};
+  const auto problem = [&](const GainSetting& gain) {
+    return testing::problem_of([&] { sensor.require_gain(gain); });
+  };
+  EXPECT_EQ(problem(db), "");
+  EXPECT_NE(problem(iso).find("ISO 400: is in another unit"), std::string::npos) << problem(iso);
+  sensor.gains_in_iso = true;
+  EXPECT_EQ(problem(iso), "");
+  EXPECT_NE(problem(db).find("another unit"), std::string::npos) << problem(db);
+}
+
 }  // namespace
 }  // namespace malus

@@ -55,6 +55,22 @@ TEST(NoiseFlow, RecordedIntegersAreKnownWhateverTheBlack) {
     EXPECT_EQ(flow.train(black, "\"noisy.npy\"").model.sensor().spread_dn, 4) << black;
 }
 
+TEST(NoiseFlow, APairsMistakesAreToldWithTheirPlace) {
+  const RecordedFlow flow;
+  const auto problem = [&](const char* settings) {
+    std::ofstream(flow.folder / "flow.toml")
+        << "[network]\narchitecture = \"noise-flow\"\n[sensor]\nlayout = \"bayer-rggb\"\n"
+        << "black = 100\nwhite = 4095\n[[pairs]]\nnoisy = \"noisy.npy\"\n"
+        << settings;
+    return problem_of([&] { load_noise_flow_config(flow.folder / "flow.toml"); });
+  };
+  EXPECT_EQ(problem("clean = \"clean.npy\"\niso = 400\n"), "");
+  const std::string both = problem("clean = \"clean.npy\"\ngain_db = 12\niso = 400\n");
+  EXPECT_NE(both.find("flow.toml:11: iso in "), std::string::npos) << both;
+  const std::string missing = problem("clean = \"cleen.npy\"\ngain_db = 12\n");
+  EXPECT_NE(missing.find("flow.toml:9: clean in "), std::string::npos) << missing;
+}
+
 TEST(NoiseFlow, AStackCountsAsItsFrames) {
   const RecordedFlow flow;
   const Planes frame = load_picture(flow.folder / "noisy.npy").planes;

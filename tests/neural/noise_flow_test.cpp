@@ -158,6 +158,9 @@ TEST(NoiseFlow, TheDarkOfALowGainIsLearntBesideAHighGain) {
       }
     pairs.push_back(std::move(pair));
   }
+  std::vector<NoiseFlowPair> mixed = pairs;
+  mixed.back().gain = {.gain_db = {}, .iso = 1600};
+  EXPECT_THROW(train_noise_flow(sensor(), mixed, brief_training(60), 3), InputError);
   const auto fit = train_noise_flow(sensor(), pairs, brief_training(60), 3);
   for (const NoiseFlowPair& pair : pairs)
     for (const auto& [from, to] : {std::pair{0, 32}, {32, 96}, {96, 128}}) {

@@ -65,9 +65,13 @@ NoiseFlowSensor sensor_of(const NoiseModel& model) {
 std::vector<NoiseFlowFiles> read_pairs(const ConfigSection& section) {
   section.require_known({"noisy", "clean", "gain_db", "iso"});
   const GainSetting gain{section.number("gain_db"), section.number("iso")};
+  if (gain.gain_db && gain.iso)
+    section.fail("iso", "is given beside gain_db", "give the gain in one unit");
   const auto folder = fs::path(section.source()).parent_path();
   const auto clean_name = section.text("clean");
   if (!clean_name) section.fail("clean", "is missing", "give the clean frame");
+  if (!fs::exists(frame_place(folder / *clean_name).file))
+    section.fail("clean", fmt::format("\"{}\" does not exist", *clean_name), "check the name");
   std::vector<NoiseFlowFiles> pairs;
   for (const std::string& pattern : section.texts("noisy")) {
     const auto found = files_matching(folder, pattern);

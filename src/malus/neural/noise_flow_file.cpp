@@ -238,6 +238,9 @@ void NoiseFlowSensor::require_gain(const GainSetting& gain) const {
   if (!gain.decibel())
     throw InputError("the gain", "is not known",
                      "give " + setting("gain") + " or " + setting("iso"));
+  if ((gains_in_iso || !gains_db.empty()) && gains_in_iso == gain.gain_db.has_value())
+    throw InputError(gain.text(), "is in another unit than the flow's own",
+                     "give " + setting(gains_in_iso ? "iso" : "gain"));
   const double db = *gain.decibel();
   if (db >= lowest_gain_db - kRoundingDb && db <= highest_gain_db + kRoundingDb) return;
   const auto named = [&](double one) { return GainSetting::at_decibel(one, gains_in_iso).text(); };

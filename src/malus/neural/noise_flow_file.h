@@ -57,7 +57,8 @@ struct NoiseFlowSensor {
       gains.push_back(GainSetting::at_decibel(db, gains_in_iso));
     return gains;
   }
-  /// Throws InputError where the gain is not known, or outside of the trained ones.
+  /// Throws InputError where the gain is not known, in another unit than the trained ones (a file
+  /// that does not tell its gains does not tell that) or outside of them.
   void require_gain(const GainSetting& gain) const;
 };
 

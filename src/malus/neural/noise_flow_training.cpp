@@ -180,6 +180,13 @@ void check_pairs(const std::vector<NoiseFlowPair>& pairs, const SensorLayout& la
                        "give larger frames or a smaller crop");
     if (!pair.gain.decibel())
       throw InputError(pair.name, "its gain is not known", "give gain_db or iso");
+    // ISO 100 and 0 dB are two gains, though they have one number.
+    if (const NoiseFlowPair& first = pairs.front();
+        pair.gain.gain_db.has_value() != first.gain.gain_db.has_value())
+      throw InputError(pair.name,
+                       fmt::format("has the gain {}, {} has {}: these are two units",
+                                   pair.gain.text(), first.name, first.gain.text()),
+                       "give all gains in dB, or all in ISO");
   }
 }
 

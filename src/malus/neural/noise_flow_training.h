@@ -47,7 +47,8 @@ struct NoiseFlowFit {
 
 /// Frames of integers are spread over their step, so that a density exists. Crops hold no pixel
 /// that is NaN. Fills the sensor's gain range. Throws InputError on no pairs, frames that are too
-/// small, of unequal size or without such a crop, unknown gains; Cancelled.
+/// small, of unequal size or without such a crop, gains that are unknown or in two units;
+/// Cancelled.
 NoiseFlowFit train_noise_flow(NoiseFlowSensor sensor, const std::vector<NoiseFlowPair>& pairs,
                               const NoiseFlowSettings& settings, std::uint64_t seed,
                               Progress& progress = silent_progress());
