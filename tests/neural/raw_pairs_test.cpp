@@ -99,8 +99,52 @@ TEST(Sensors, GainsAreThoseOfTheKind) {
   config.noise.gains = {6};
   EXPECT_EQ(testing::problem_of([&] { make_pair_source(config); }), "");
   config.noise.gains = {6, 24};
-  EXPECT_NE(testing::problem_of([&] { make_pair_source(config); }).find("24 dB"),
+  EXPECT_NE(testing::problem_of([&] { make_pair_source(config); }).find("gains in [noise]: 24 dB"),
             std::string::npos);
+}
+
+TEST(Sensors, OfAKindThatTheModelDoesNotHoldAreNamedByTheirKey) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = scene_config(scene);
+  config.source = "config.toml";
+  config.synthesis.kind = "gaussian";
+  const std::string line = testing::problem_of([&] { make_pair_source(config); });
+  EXPECT_NE(line.find("config.toml: kind in [noise]: is \"gaussian\", and imx250myr-simulated"),
+            std::string::npos)
+      << line;
+}
+
+// What is not drawn is not told. Raw frames are rounded, whatever is switched off.
+TEST(Sensors, TellTheirNoiseAsItWasDrawn) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  const auto told = [&](bool shot, bool read, bool row) {
+    TrainingConfig config = scene_config(scene);
+    config.noise.gains = {12};
+    config.data.example = 16;
+    config.synthesis.shot = shot;
+    config.synthesis.read = read;
+    config.synthesis.row = row;
+    config.synthesis.quantization = false;
+    return make_pair_source(config)->pair(4, 1).profile.channels.front();
+  };
+  const PhysicsNoise noise = load_model("imx250myr-simulated").physics_at({12.0, {}});
+  const double rounding_dn2 = noise.quantization_dn * noise.quantization_dn / 12;
+  const double read_dn2 = read_variance_dn2(noise.channels.front());
+  const double electron_dn = noise.channels.front().gain_dn_per_e;
+  for (const bool shot : {false, true})
+    for (const bool read : {false, true}) {
+      const ChannelProfile channel = told(shot, read, shot);
+      const double dark_dn2 = rounding_dn2 + (read ? read_dn2 : 0);
+      EXPECT_NEAR(channel.variance(0), dark_dn2, 1e-9);
+      EXPECT_NEAR(channel.variance(100), dark_dn2 + (shot ? 100 * electron_dn : 0), 1e-9);
+      EXPECT_EQ(channel.sigma_row_dn > 0, shot);
+      // Its law, by which means are brought back.
+      const auto square = [](double dn) { return (dn - 100) * (dn - 100); };
+      EXPECT_NEAR(channel.distribution().expectations(square, {100.0})[0], channel.variance(100),
+                  0.02 * channel.variance(100));
+    }
 }
 
 // A model's maps are far larger than an example. What is drawn has no defects to fill, either: a

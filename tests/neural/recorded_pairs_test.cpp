@@ -1,6 +1,7 @@
 // What training takes from files of others: shards and captured pairs that do not fit are named,
 // and a run is known by what its files hold. Truth: the files that the test wrote.
 #include "malus/base/error.h"
+#include "malus/base/fingerprint.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/picture_file.h"
 #include "malus/io/shard.h"
@@ -51,13 +52,15 @@ struct RecordedShard {
     config.train.steps = 1;
     config.train.batch = 1;
   }
+  // more: keys of dataset.json beside these.
   static void describe(const TemporaryFolder& folder, const SensorLayout& layout,
-                       const std::string& sensor) {
-    std::ofstream(folder / "dataset.json")
-        << nlohmann::json{{"sensor", sensor},
-                          {"layout", layout.name()},
-                          {"channels", layout.channel_names()},
-                          {"noise", {{"amplify", false}, {"bias", true}}}};
+                       const std::string& sensor, const nlohmann::json& more = {}) {
+    nlohmann::json description{{"sensor", sensor},
+                               {"layout", layout.name()},
+                               {"channels", layout.channel_names()},
+                               {"noise", {{"amplify", false}, {"bias", true}}}};
+    if (!more.is_null()) description.merge_patch(more);
+    std::ofstream(folder / "dataset.json") << description;
   }
   const NoiseModel model = load_model("imx250mzr-simulated");
   TrainingConfig config;
@@ -86,6 +89,55 @@ TEST(ShardPairs, OfAnotherSensorAreRefused) {
       << layout;
   const std::string sensor = refusal(shard.model.layout, "another");
   EXPECT_NE(sensor.find("drawn from a model of the sensor"), std::string::npos) << sensor;
+}
+
+// Two calibrations of one sensor differ by their files alone.
+TEST(ShardPairs, OfAnotherModelOfTheSensorAreToldAndOfNoSensorRefused) {
+  const TemporaryFolder folder;
+  RecordedShard shard(folder, 16, 16);
+  NoiseModel model = shard.model;
+  shard.config.models = {folder / "model.h5"};
+  const auto complaints = [&](const std::string& print) {
+    save_model(model, folder / "model.h5", true);
+    RecordedShard::describe(
+        folder, model.layout, model.sensor,
+        {{"model_fingerprint", print.empty() ? file_fingerprint(folder / "model.h5") : print}});
+    return make_pair_source(shard.config)->complaints();
+  };
+  EXPECT_TRUE(complaints("").empty());
+  ASSERT_EQ(complaints("0123456789abcdef").size(), 1u);
+  EXPECT_NE(complaints("0123456789abcdef")[0].find("another noise model of the sensor"),
+            std::string::npos);
+  model.sensor.clear();
+  EXPECT_TRUE(complaints("").empty());
+  const std::string line = problem_of([&] { complaints("0123456789abcdef"); });
+  EXPECT_NE(line.find("another noise model than"), std::string::npos) << line;
+}
+
+TEST(ShardPairs, TellTheNoiseThatTheyWereDrawnWith) {
+  const TemporaryFolder folder;
+  RecordedShard shard(folder, 16, 16);
+  const auto profile = [&](const nlohmann::json& noise) {
+    RecordedShard::describe(folder, shard.model.layout, shard.model.sensor, {{"noise", noise}});
+    return make_pair_source(shard.config)->pair(1, 0).profile;
+  };
+  const NoiseProfile all = shard.model.profile_at({.gain_db = 12, .iso = {}});
+  const double step_dn = shard.model.quantization_dn;
+  const NoiseProfile part = profile({{"read", false}, {"row", false}});
+  EXPECT_NEAR(part.channels[0].variance(0), step_dn * step_dn / 12, 1e-9);
+  EXPECT_EQ(part.channels[0].sigma_row_dn, 0);
+  EXPECT_EQ(part.channels[0].bias_dn, all.channels[0].bias_dn);
+  const ChannelProfile dark = profile({{"shot", false}, {"quantization", false}}).channels[0];
+  EXPECT_NEAR(dark.variance(500), all.channels[0].variance(0) - step_dn * step_dn / 12, 1e-9);
+  // Nothing is left that a network could be told.
+  const nlohmann::json none{{"read", false}, {"shot", false}, {"quantization", false}};
+  const std::string line = problem_of([&] { profile(none); });
+  EXPECT_NE(line.find("the package wants a level"), std::string::npos) << line;
+  PackageSettings& settings = shard.config.package.settings;
+  settings.domain = "linear";
+  settings.noise_input = "none";
+  settings.row_noise = false;
+  EXPECT_EQ(problem_of([&] { profile(none); }), "");
 }
 
 // [data] memory is reckoned with `example`.
@@ -141,6 +193,28 @@ TrainingConfig recorded_list(const TemporaryFolder& folder, float value = 300) {
   config.pairs = {folder / "pairs.json"};
   config.models = {"imx250mzr-simulated"};
   return config;
+}
+
+// One sample of a shard among three captured pairs of one list: a quarter of the examples.
+TEST(RecordedPairs, AreMixedWithShardsByTheirNumbers) {
+  const TemporaryFolder folder;
+  TrainingConfig config = recorded_list(folder);
+  const std::string pair =
+      R"({"short": "short.npy", "reference": "reference.npy", "ratio": 1, "gain_db": 12, "iso": null})";
+  std::ofstream(folder / "pairs.json")
+      << R"({"pairs": [)" << pair << "," << pair << "," << pair << "]}";
+  EXPECT_TRUE(make_pair_source(config)->shares().is_null());
+  config.shards = RecordedShard(folder, 16, 16).config.shards;
+  config.data.example = 16;
+  const auto source = make_pair_source(config);
+  EXPECT_EQ(source->size(), 4u);
+  EXPECT_EQ(source->shares()["samples of shards"]["share"], 0.25);
+  EXPECT_EQ(source->shares()["captured pairs"]["size"], 3);
+  constexpr int kDraws = 400;
+  int of_shard = 0;
+  for (std::uint32_t i = 0; i < kDraws; ++i)
+    of_shard += source->pair(5, i).noisy.source.find("sample7") != std::string::npos ? 1 : 0;
+  EXPECT_NEAR(of_shard, 100, 5 * std::sqrt(kDraws * 0.25 * 0.75));
 }
 
 // What `malus pairs` writes without a model: the reference's bias is that of its own gain.
@@ -324,25 +398,6 @@ TEST(Contents, OfACheckpointThatTellsNoneAreNotAskedFor) {
   text = facts.dump();
   save_tensor_file(checkpoint, folder / "run/checkpoint.safetensors");
   EXPECT_NO_THROW(run(true));
-}
-
-// The pool, and the two generations that are made ahead of it.
-TEST(Memory, CountsTheGenerationsThatAreMadeAhead) {
-  const TemporaryFolder folder;
-  const testing::AngleScene scene(folder);
-  // 4 planes out, 5 in: 9 * 4 bytes * 512 * 512 / 4 = 2.25 MiB for each example.
-  std::ofstream(folder / "config.toml")
-      << "[network]\narchitecture = \"unet\"\n[package]\nlayout = \"polar-mono\"\n"
-      << "[data]\nscenes = [\"scene\"]\nexample = 512\npatch = 32\npool = 8\nmemory = 18\n"
-      << "[noise]\nmodels = [\"imx250mzr-simulated\"]\n[train]\nbatch = 1\n";
-  const auto load = [&](const char* setting) {
-    return problem_of([&] {
-      load_training_config(folder / "config.toml",
-                           {.pairs = {}, .models = {}, .settings = {setting}});
-    });
-  };
-  EXPECT_EQ(load("data.pool=6"), "");
-  EXPECT_NE(load("data.pool=7").find("would take up to 21 MiB"), std::string::npos);
 }
 
 }  // namespace

@@ -50,6 +50,7 @@ RawFrame even_frame(float dn, int rows = 32, int cols = 32) {
 // Every eighth pair is of 900 DN, the others darker.
 class KnownLight : public PairSource {
  public:
+  std::size_t size() const override { return 8; }
   RawPair pair(std::uint64_t, std::uint32_t number) const override {
     const float dn = number % 8 == 3 ? 900.0f : 100.0f + 10.0f * static_cast<float>(number % 8);
     RawPair pair;

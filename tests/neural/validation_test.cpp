@@ -101,11 +101,27 @@ Image sample_of(const TrainingConfig& config, const testing::TemporaryFolder& fo
   return load_picture(folder / "sample" / (name + ".npy")).planes[0];
 }
 
-// Behind every polarizer half the light of a picture is left.
-TEST(Validation, LightOfAPictureIsUnpolarized) {
+// A picture's light is polarized as in training, alike in every run; else DoLP and AoLP would tell
+// nothing of a network.
+TEST(Validation, LightOfAPictureIsPolarized) {
   const testing::TemporaryFolder folder;
   const testing::AngleScene scene(folder);
   TrainingConfig config = guided_config(scene);
+  config.validation_scenes = {folder / "grey.exr"};
+  save_picture(config.validation_scenes.front(), Image(64, 64, 0.4F));
+  const Image clean = sample_of(config, folder, "clean");
+  const auto [least, most] = std::ranges::minmax(clean.values());
+  EXPECT_GT(most, 1.1F * least);
+  EXPECT_TRUE(std::ranges::equal(clean.values(), sample_of(config, folder, "clean").values()));
+  EXPECT_TRUE(Validation(config, kSeed + 1, silent_progress()).noisy_score().aolp_circular_deg);
+}
+
+// Behind every polarizer half the light of a picture is left that is not polarized.
+TEST(Validation, LightOfAPictureIsUnpolarizedWhereTrainingsIs) {
+  const testing::TemporaryFolder folder;
+  const testing::AngleScene scene(folder);
+  TrainingConfig config = guided_config(scene);
+  config.data.polarized = false;
   config.validation_scenes = {folder / "grey.exr"};
   save_picture(config.validation_scenes.front(), Image(64, 64, 0.5F));
   const NoiseModel camera = load_model(config.models.front());
@@ -152,6 +168,7 @@ TEST(Validation, AFrameWithoutAMetricIsNotCountedAsZero) {
   const testing::TemporaryFolder folder;
   const testing::AngleScene scene(folder);
   TrainingConfig config = guided_config(scene);
+  config.data.polarized = false;
   const fs::path grey = folder / "grey.exr";
   save_picture(grey, Image(64, 64, 0.5F));
   const auto noisy = [&](const std::vector<fs::path>& scenes) {

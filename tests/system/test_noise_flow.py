@@ -175,7 +175,7 @@ def test_a_data_set_of_its_noise_trains_a_network(malus, refused, trained):
     # 164,000 samples, 0.35 % standard error; the flow's training is brief, as above.
     assert square / count == pytest.approx(1, abs=0.15)
     config = trained / "network.toml"
-    config.write_text(NETWORK.format(data='shards = ["shards/*.tar"]'))
+    config.write_text(NETWORK.replace("polarized = false\n", "").format(data='shards = ["shards/*.tar"]'))
     malus("train", config, "-o", trained / "run")
     malus("train", trained / "flow.toml", "--set", "train.steps=2", "-o", trained / "other")
     line = refused("train", config, "-o", trained / "none", "--set", 'noise.models=["other/weights.safetensors"]')

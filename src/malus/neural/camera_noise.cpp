@@ -6,7 +6,9 @@
 #include "malus/neural/noise_flow_file.h"
 #include "malus/noise/fixed_pattern.h"
 #include "malus/noise/frame_levels.h"
+#include "malus/noise/profile_parts.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -40,7 +42,7 @@ class CalibratedNoise final : public CameraNoise {
  public:
   CalibratedNoise(const fs::path& path, const NetworkPackage& package,
                   const CameraNoiseOptions& options)
-      : path_(path), settings_(options.settings), jitter_(options.jitter) {
+      : path_(path), package_(package), settings_(options.settings), jitter_(options.jitter) {
     NoiseModel model = load_model(path);
     require_layout(path, model.layout, package);
     drop_maps(model);  // large, and drawn noise has none of them
@@ -54,17 +56,19 @@ class CalibratedNoise final : public CameraNoise {
         (model_->physics.empty() || synthesis_kind(settings_.kind) != SynthesisKind::kPhysics))
       throw InputError(path_.string(), "cannot be varied: jitter is for kind \"physics\"",
                        "use jitter = 0");
+    require_kind_here();
     const Synthesizer of_this_kind(model_, settings_);
+    require_noise_level(parts(), model_->quantization_dn, package_, path_.string());
   }
   GainSetting random_gain(std::uint64_t seed, std::uint32_t number) const override {
     return malus::random_gain(*model_, settings_, seed, number);
   }
   void require_gain(const GainSetting& gain) const override {
     Synthesizer(model_, settings_).require_gain(gain);
-    profile_at(gain);
+    profile_at(gain, parts());
   }
-  NoiseProfile profile_at(const GainSetting& gain) const override {
-    return profile_of(*model_, gain);
+  NoiseProfile profile_at(const GainSetting& gain, const PhysicsParts& given) const override {
+    return profile_of_parts(*model_, gain, gain_range(settings_.extrapolate_gain), given);
   }
 
   Drawn draw(View<const float> clean_dn, const GainSetting& gain, double ratio, std::uint64_t seed,
@@ -81,7 +85,7 @@ class CalibratedNoise final : public CameraNoise {
         synthesizer.draw_raw(clean_dn, gain,
                              synthesizer.somewhere(clean_dn.rows(), clean_dn.cols(), seed, number),
                              sensor->black_dn, sensor->white_dn),
-        profile_of(*sensor, gain)};
+        profile_of_parts(*sensor, gain, gain_range(settings_.extrapolate_gain), parts())};
   }
 
   std::string complaint(const std::vector<GainSetting>& gains) const override {
@@ -90,13 +94,27 @@ class CalibratedNoise final : public CameraNoise {
   }
 
  private:
-  NoiseProfile profile_of(const NoiseModel& sensor, const GainSetting& gain) const {
-    NoiseProfile profile = sensor.profile_at(gain, gain_range(settings_.extrapolate_gain));
-    if (!settings_.bias) profile.clear_bias();
-    return profile;
+  // The Synthesizer names a flag, which a configuration has none of.
+  void require_kind_here() const {
+    const ModelKind needed = drawn_from(synthesis_kind(settings_.kind));
+    if (!std::ranges::count(model_->kinds(), needed))
+      throw InputError("kind in [noise]",
+                       fmt::format("is \"{}\", and {} holds no {} model", settings_.kind,
+                                   path_.string(), model_kind_name(needed)),
+                       "set a kind that it holds, or name another model");
+  }
+
+  // As drawn: raw frames are rounded whatever the setting says.
+  PhysicsParts parts() const {
+    return {.shot = settings_.shot,
+            .read = settings_.read,
+            .row = settings_.row,
+            .quantization = true,
+            .bias = settings_.bias};
   }
 
   fs::path path_;
+  NetworkPackage package_;
   SynthesisSettings settings_;
   double jitter_;
   std::shared_ptr<const NoiseModel> model_;
@@ -154,7 +172,9 @@ class FlowNoise final : public CameraNoise {
     return gains_[pick(random, gains_.size())];
   }
   void require_gain(const GainSetting& gain) const override { flow_.sensor().require_gain(gain); }
-  NoiseProfile profile_at(const GainSetting& gain) const override { return flow_.profile_at(gain); }
+  NoiseProfile profile_at(const GainSetting& gain, const PhysicsParts&) const override {
+    return flow_.profile_at(gain);
+  }
 
   Drawn draw(View<const float> clean_dn, const GainSetting& gain, double ratio, std::uint64_t seed,
              std::uint32_t number) const override {
@@ -177,6 +197,18 @@ class FlowNoise final : public CameraNoise {
 };
 
 }  // namespace
+
+void require_noise_level(const PhysicsParts& parts, double step_dn, const NetworkPackage& package,
+                         const std::string& source) {
+  const PackageSettings& wants = package.settings;
+  if (parts.shot || parts.read || (parts.quantization && step_dn > 0)) return;
+  if (wants.domain != "stabilised" && wants.noise_input == "none" && wants.guide == "none" &&
+      !(wants.row_noise && parts.row))
+    return;
+  throw InputError(source, "has shot and read noise switched off, and the package wants a level",
+                   "leave one of them on, or set domain = \"linear\", noise_input = \"none\", "
+                   "guide = \"none\" and row_noise = false in [package]");
+}
 
 std::unique_ptr<const CameraNoise> open_camera(const fs::path& path, const NetworkPackage& package,
                                                const CameraNoiseOptions& options) {

@@ -122,7 +122,19 @@ std::vector<StokesPlanes> polarized(const Planes& light, RandomSequence& random,
   return bright;
 }
 
+Planes brightness_of(const std::vector<StokesPlanes>& light) {
+  Planes planes(static_cast<int>(light.size()), 0, 0);
+  for (std::size_t k = 0; k < light.size(); ++k) planes[static_cast<int>(k)] = light[k].s0;
+  return planes;
+}
+
 }  // namespace
+
+std::vector<StokesPlanes> polarized_picture(const std::vector<StokesPlanes>& light,
+                                            std::uint64_t seed, std::uint32_t number) {
+  RandomSequence random(seed, number, Draw::kScene, kStreamPiece);
+  return polarized(brightness_of(light), random, seed, number);
+}
 
 std::vector<StokesPlanes> load_angle_scene(const fs::path& folder) {
   std::array<Planes, 4> angles;
@@ -194,9 +206,7 @@ CleanScenes::Light CleanScenes::piece_of(const Light& whole, bool picture, std::
   for (const StokesPlanes& color : whole)
     piece.push_back({cut_out(color.s0), cut_out(color.s1), cut_out(color.s2)});
   if (!picture || !data_.polarized) return piece;
-  Planes light(static_cast<int>(piece.size()), 0, 0);
-  for (std::size_t k = 0; k < piece.size(); ++k) light[static_cast<int>(k)] = piece[k].s0;
-  return polarized(light, random, seed, number);
+  return polarized(brightness_of(piece), random, seed, number);
 }
 
 std::vector<StokesPlanes> CleanScenes::draw(std::uint64_t seed, std::uint32_t number) const {

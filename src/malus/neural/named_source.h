@@ -21,4 +21,15 @@ decltype(auto) naming_source(const std::string& source, const Call& call) {
   }
 }
 
+/// What call returns; an InputError becomes one about a setting of the file, "gains in [noise]", to
+/// be told with the file's name by naming_source.
+template <class Call>
+decltype(auto) naming_key(const std::string& key, const Call& call) {
+  try {
+    return call();
+  } catch (const InputError& error) {
+    throw InputError(key, fmt::format("{}: {}", error.subject(), error.problem()), error.remedy());
+  }
+}
+
 }  // namespace malus

@@ -78,6 +78,8 @@ class SyntheticPairs final : public PairSource {
     return pair;
   }
 
+  std::size_t size() const override { return scenes_.size(); }
+
   std::vector<std::string> complaints() const override {
     std::vector<std::string> lines;
     for (const auto& camera : cameras_) {
@@ -92,7 +94,9 @@ class SyntheticPairs final : public PairSource {
   // What no example could be drawn with fails here, where the configuration is known.
   void require_served(const CameraNoise& camera) const {
     camera.require_drawable();
-    for (const double gain : noise_.gains) camera.require_gain(camera.setting_of(gain));
+    naming_key("gains in [noise]", [&] {
+      for (const double gain : noise_.gains) camera.require_gain(camera.setting_of(gain));
+    });
   }
 
   CleanScenes scenes_;
@@ -102,19 +106,30 @@ class SyntheticPairs final : public PairSource {
   double exposure_low_, exposure_high_;
 };
 
-// Several sources, each by its weight.
+// Several sources, each by its size: a sample in a shard is drawn as often as a picture.
 class MixedPairs final : public PairSource {
  public:
-  void add(std::unique_ptr<PairSource> source, std::size_t weight) {
+  void add(std::string name, std::unique_ptr<PairSource> source) {
+    names_.push_back(std::move(name));
+    sizes_.push_back(source->size());
     sources_.push_back(std::move(source));
-    weights_.push_back(weight);
+  }
+  std::size_t size() const override {
+    return std::accumulate(sizes_.begin(), sizes_.end(), std::size_t{0});
+  }
+  nlohmann::ordered_json shares() const override {
+    if (sources_.size() < 2) return {};
+    nlohmann::ordered_json shares;
+    for (std::size_t i = 0; i < sources_.size(); ++i)
+      shares[names_[i]] = {{"size", sizes_[i]},
+                           {"share", static_cast<double>(sizes_[i]) / static_cast<double>(size())}};
+    return shares;
   }
   RawPair pair(std::uint64_t seed, std::uint32_t number) const override {
     RandomSequence random(seed, number, Draw::kParameters, kStreamPairSource);
-    std::size_t at =
-        pick(random, std::accumulate(weights_.begin(), weights_.end(), std::size_t{0}));
+    std::size_t at = pick(random, size());
     std::size_t i = 0;
-    while (at >= weights_[i]) at -= weights_[i++];
+    while (at >= sizes_[i]) at -= sizes_[i++];
     return sources_[i]->pair(seed, number);
   }
   std::vector<std::string> complaints() const override {
@@ -126,18 +141,19 @@ class MixedPairs final : public PairSource {
   }
 
  private:
+  std::vector<std::string> names_;
   std::vector<std::unique_ptr<PairSource>> sources_;
-  std::vector<std::size_t> weights_;
+  std::vector<std::size_t> sizes_;
 };
 
 }  // namespace
 
 std::unique_ptr<PairSource> make_pair_source(const TrainingConfig& config) {
   auto mixed = std::make_unique<MixedPairs>();
-  if (const std::size_t clean = config.pictures.size() + config.scenes.size(); clean > 0)
-    mixed->add(std::make_unique<SyntheticPairs>(config), clean);
-  if (!config.shards.empty()) mixed->add(open_shards(config), config.shards.size());
-  if (!config.pairs.empty()) mixed->add(open_captured_pairs(config), config.pairs.size());
+  if (!config.pictures.empty() || !config.scenes.empty())
+    mixed->add("pictures and scenes", std::make_unique<SyntheticPairs>(config));
+  if (!config.shards.empty()) mixed->add("samples of shards", open_shards(config));
+  if (!config.pairs.empty()) mixed->add("captured pairs", open_captured_pairs(config));
   return mixed;
 }
 

@@ -1,6 +1,7 @@
 #include "malus/neural/internal/recorded_pairs.h"
 
 #include "malus/base/error.h"
+#include "malus/base/fingerprint.h"
 #include "malus/base/parameter_stream.h"
 #include "malus/base/pick.h"
 #include "malus/base/unreadable_file.h"
@@ -13,6 +14,7 @@
 #include "malus/io/picture_file.h"
 #include "malus/io/shard_read.h"
 #include "malus/neural/internal/camera_noise.h"
+#include "malus/neural/noise_flow_file.h"
 #include "malus/noise/fixed_pattern.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/same_sensor.h"
@@ -97,6 +99,37 @@ void require_drawn_from(const NoiseModel& model, const Json& dataset, const fs::
         "name the noise model that they were drawn from");
 }
 
+// As dataset.json has it; null: built in.
+Json fingerprint_of_model(const fs::path& path) {
+  return fs::exists(path) ? Json(file_fingerprint(path)) : Json();
+}
+
+// Two calibrations may have one sensor's name, or none. Of a flow the name tells its weights.
+std::string complaint_of_model(const NoiseModel& model, const fs::path& path, const Json& print,
+                               const Json& dataset, const fs::path& file) {
+  if (names_noise_flow(path) || print == dataset.value("model_fingerprint", print)) return {};
+  if (model.sensor.empty())
+    throw InputError(
+        file.string(),
+        fmt::format("its shards were drawn from another noise model than {}, and neither names "
+                    "its sensor",
+                    path.string()),
+        "name the noise model that they were drawn from");
+  return fmt::format(
+      "{}: its shards were drawn from another noise model of the sensor \"{}\" than {}, by which "
+      "the network is told their noise",
+      file.string(), model.sensor, path.string());
+}
+
+// The settings that the samples were drawn with; a flow's tell no parts.
+PhysicsParts parts_of_shards(const Json& noise) {
+  return {.shot = noise.value("shot", true),
+          .read = noise.value("read", true),
+          .row = noise.value("row", true),
+          .quantization = noise.value("quantization", true),
+          .bias = noise.value("bias", true)};
+}
+
 // Where examples are cut out of larger mosaics: at whole cells and row groups, no larger than
 // `side`.
 class ExampleWindows {
@@ -125,16 +158,22 @@ class ShardPairs final : public PairSource {
       : noise_(camera_of_shards(config)),
         model_(noise_->camera()),
         windows_(model_, config.data.example) {
+    const Json print = fingerprint_of_model(config.models.front());
     for (const fs::path& path : config.shards) {
       const fs::path file = path.parent_path() / "dataset.json";
       const Json dataset = load_json(file);
       require_drawn_from(model_, dataset, file);
+      if (std::string line =
+              complaint_of_model(model_, config.models.front(), print, dataset, file);
+          !line.empty() && std::ranges::find(complaints_, line) == complaints_.end())
+        complaints_.push_back(std::move(line));
       const Json& noise = dataset.at("noise");
       const bool amplified = noise.at("amplify").get<bool>();
-      const bool biased = noise.value("bias", true);  // not told of a flow's, which has its bias
+      const PhysicsParts parts = parts_of_shards(noise);
+      require_noise_level(parts, model_.quantization_dn, config.package, file.string());
       const auto entries = shard_entries(path);
       for (std::size_t i = 0; i + 2 < entries.size(); i += 3)
-        samples_.push_back({path, entries[i], entries[i + 1], entries[i + 2], amplified, biased});
+        samples_.push_back({path, entries[i], entries[i + 1], entries[i + 2], amplified, parts});
     }
     if (samples_.empty())
       throw InputError(config.source.string(), "its shards hold no samples",
@@ -151,7 +190,7 @@ class ShardPairs final : public PairSource {
       const Json facts = Json::parse(shard_content(sample.path, sample.facts));
       pair.ratio = checked_ratio(facts, where);
       removed_bias_dn = checked_bias(facts, where);
-      pair.profile = noise_->profile_at(checked_gain_from(facts, where));
+      pair.profile = noise_->profile_at(checked_gain_from(facts, where), sample.parts);
     } catch (const Json::exception& error) {
       throw InputError(where, fmt::format("cannot be read ({})", error.what()),
                        "make the shard again with malus dataset");
@@ -173,15 +212,18 @@ class ShardPairs final : public PairSource {
     pair.noisy.black_dn.assign(pair.profile.channels.size(), -removed_bias_dn);
     pair.noisy.white_dn = white_above_black(model_.white_dn, model_.black_dn) - removed_bias_dn;
     pair.noisy.white_known = true;
-    if (!sample.biased) pair.profile.clear_bias();
     return pair;
   }
+
+  std::size_t size() const override { return samples_.size(); }
+  std::vector<std::string> complaints() const override { return complaints_; }
 
  private:
   struct Sample {
     fs::path path;
     ShardEntry clean, noisy, facts;
-    bool amplified, biased;
+    bool amplified;
+    PhysicsParts parts;
   };
   Image mosaic(const Sample& sample, const ShardEntry& entry) const {
     const Planes planes = planes_of_npy(shard_content(sample.path, entry), entry.name);
@@ -198,6 +240,7 @@ class ShardPairs final : public PairSource {
   const NoiseModel& model_;
   ExampleWindows windows_;
   std::vector<Sample> samples_;
+  std::vector<std::string> complaints_;
 };
 
 class CapturedPairs final : public PairSource {
@@ -239,6 +282,8 @@ class CapturedPairs final : public PairSource {
     pair.ratio = recorded.ratio;
     return pair;
   }
+
+  std::size_t size() const override { return pairs_.size(); }
 
   std::vector<std::string> complaints() const override {
     std::vector<GainSetting> gains;

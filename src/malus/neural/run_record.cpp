@@ -46,6 +46,7 @@ OrderedJson run_record(const TrainingConfig& config, const RunFacts& facts,
                      {"seconds", facts.seconds},
                      {"weights", (facts.folder / "weights.safetensors").string()},
                      {"log", log}};
+  if (!facts.shares.is_null()) record["shares"] = facts.shares;
   if (config.validation_scenes.empty()) return record;
   for (const OrderedJson& line : log)
     for (const char* score : {"noisy", "guide"})
@@ -86,6 +87,7 @@ nlohmann::json training_told(const TrainingConfig& config, const RunFacts& facts
                       {"data", description.at("data")},
                       {"noise", description.at("noise")},
                       {"train", description.at("train")}};
+  if (!facts.shares.is_null()) told["shares"] = facts.shares;
   if (description.contains("begin_with")) told["begin_with"] = description["begin_with"];
   for (const OrderedJson& line : log)
     for (const char* score : {"guide", "validation"})

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/base/stopwatch.h"
+#include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/neural/gpu.h"
 #include "malus/neural/internal/autocast.h"
@@ -69,7 +70,11 @@ class Trainer {
     if (open_folder()) return finished();
     const auto source = make_pair_source(config_);
     const Validation validation(config_, options_.seed + 1, progress_);
-    if (leader()) warn_of_models(source->complaints(), validation.complaints());
+    shares_ = source->shares();
+    if (leader()) {
+      warn_of_models(source->complaints(), validation.complaints());
+      tell_of_steps();
+    }
     if (leader() && !(state_.brightest > 0))
       state_.brightest = brightest_light(config_.package, *source, options_.seed, progress_);
     begin_log(validation);
@@ -130,6 +135,19 @@ class Trainer {
     for (const std::string& line : of_examples) progress_.warn(line);
     for (const std::string& line : of_validation)
       if (std::ranges::find(of_examples, line) == of_examples.end()) progress_.warn(line);
+  }
+
+  // What follows from the configuration and may surprise.
+  void tell_of_steps() {
+    std::string text;
+    for (const auto& [name, part] : shares_.items())
+      text += fmt::format("{}{:.3g} % {}", text.empty() ? "" : ", ",
+                          100 * part["share"].get<double>(), name);
+    if (!text.empty()) progress_.note("of the examples are " + text);
+    if (config_.train.warm_up >= config_.train.steps)
+      progress_.warn(fmt::format(
+          "{}: warm_up = {} is not over after the {} of the training, whose rate rises to its end",
+          config_.source.string(), config_.train.warm_up, counted(config_.train.steps, "step")));
   }
 
   // Worker 0 alone has the folder; the others begin with what it holds. Result: whether the run it
@@ -344,7 +362,8 @@ class Trainer {
             .workers = workers_.size(),
             .device = device_.str(),
             .seconds = state_.seconds,
-            .best_score_db = state_.best_score_db};
+            .best_score_db = state_.best_score_db,
+            .shares = shares_};
   }
 
   const TrainingConfig& config_;
@@ -360,6 +379,7 @@ class Trainer {
   std::shared_ptr<Network> network_;
   RecordedPass pass_;
   bool told_refusal_ = false;
+  OrderedJson shares_;  ///< PairSource::shares
   Adam adam_;
   std::vector<torch::Tensor> average_;
   TrainingState state_;

@@ -151,6 +151,42 @@ void read_validation(const ConfigSection& section, const fs::path& folder, Train
   if (config.cases.empty()) section.fail("cases", "is missing", "e.g. [\"12:10\", \"12:60\"]");
 }
 
+// What the noise of shards and captured pairs, and their light, does not follow. Frames of a
+// validation are drawn with the settings of the noise itself.
+void refuse_settings_of_pictures(const ConfigSection& data, const ConfigSection& noise,
+                                 const TrainingConfig& config) {
+  if (!config.pictures.empty() || !config.scenes.empty()) return;
+  const auto refuse = [](const ConfigSection& section, const std::vector<std::string>& keys,
+                         const char* remedy) {
+    for (const std::string& key : keys)
+      if (section.has(key) && key != "extrapolate_gain")
+        section.fail(key, "means nothing to shards and captured pairs, which have their own",
+                     remedy);
+  };
+  const char* of_noise = "leave it out; that of shards is set by the [noise] of malus dataset";
+  const char* of_light = "leave it out, or name pictures or scenes";
+  refuse(noise, names_of<TrainingNoiseSettings>(), of_noise);
+  refuse(data, {"exposure_low", "exposure_high", "zoom", "symmetries"}, of_light);
+  if (!config.validation_scenes.empty()) return;
+  refuse(noise, names_of<SynthesisSettings>(), of_noise);
+  refuse(data, {"polarized", "tone"}, of_light);
+}
+
+// The key that what is wrong with a network's settings names, of those that are written there.
+std::string key_in(const ConfigSection& network, const InputError& error) {
+  for (const std::string& key : network.keys())
+    if (error.problem().find(fmt::format("\"{}\"", key)) != std::string::npos) return key;
+  return "architecture";
+}
+
+void require_possible(const ConfigSection& section, const NetworkDescription& network) {
+  try {
+    full_settings(network);
+  } catch (const InputError& error) {
+    section.fail(key_in(section, error), error);
+  }
+}
+
 void check_sizes(const ConfigSection& root, const TrainingConfig& config) {
   const ConfigSection data = *root.section("data");
   const SensorLayout layout = config.package.layout();
@@ -213,11 +249,15 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
   if (const auto section = root.section("package")) {
     section->read(config.package.settings);
     section->naming("layout", [&] { return config.package.layout(); });
+    if (config.package.settings.domain == "stabilised" &&
+        config.package.settings.amplification == "ratio")
+      section->fail("amplification", "means nothing in the stabilised domain",
+                    "leave it out, or set domain = \"linear\"");
     config.package.network = section->naming("target", fit);
   } else {
     config.package.network = fit();
   }
-  network->naming("architecture", [&] { return full_settings(config.package.network); });
+  require_possible(*network, config.package.network);
   data->read(config.data, {"pictures", "scenes", "shards", "pairs", "tone"});
   if (config.data.exposure_low > config.data.exposure_high)
     data->fail("exposure_low", "is above exposure_high", "exchange them");
@@ -242,6 +282,8 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
     if (const auto weights = section->text("begin_with")) config.begin_with = folder / *weights;
   }
   if (const auto section = root.section("validation")) read_validation(*section, folder, config);
+  // Who puts pairs in place of pictures has a configuration of pictures.
+  if (overrides.pairs.empty()) refuse_settings_of_pictures(*data, *noise, config);
   check_sizes(root, config);
   return config;
 }

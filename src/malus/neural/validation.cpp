@@ -45,6 +45,25 @@ nlohmann::ordered_json sample_entry(const TrainingConfig& config,
   return entry;
 }
 
+namespace {
+
+// The surfaces of a validation are the same in every run, so that runs can be compared.
+constexpr std::uint64_t kValidationSurfaces = 0x76616c6964617465;
+
+// A scene's light: of a picture its middle, which is polarized as pictures are in training where
+// the sensor sees it. Unpolarized, its DoLP and AoLP would be none, and tell nothing of a network.
+std::vector<StokesPlanes> validation_light(const TrainingConfig& config, std::size_t index) {
+  const std::filesystem::path& path = config.validation_scenes[index];
+  if (std::filesystem::is_directory(path)) return load_angle_scene(path);
+  std::vector<StokesPlanes> light = load_picture_scene(path, config.tone);
+  const SensorLayout layout = config.package.layout();
+  if (!layout.polarized() || !config.data.polarized) return light;
+  for (StokesPlanes& color : light) color.s0 = middle_of(color.s0, layout, config.validation.crop);
+  return polarized_picture(light, kValidationSurfaces, static_cast<std::uint32_t>(index));
+}
+
+}  // namespace
+
 Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progress& progress)
     : settings_(config.package.settings) {
   if (config.validation_scenes.empty()) return;
@@ -58,10 +77,9 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
   std::uint32_t number = 0;
   progress.begin("validation frames",
                  std::ssize(config.validation_scenes) * std::ssize(config.cases));
-  for (const auto& folder : config.validation_scenes) {
-    const std::vector<StokesPlanes> light = std::filesystem::is_directory(folder)
-                                                ? load_angle_scene(folder)
-                                                : load_picture_scene(folder, config.tone);
+  for (std::size_t scene = 0; scene < config.validation_scenes.size(); ++scene) {
+    const std::filesystem::path& folder = config.validation_scenes[scene];
+    const std::vector<StokesPlanes> light = validation_light(config, scene);
     // Held to white, as in training: no frame shows more, and nothing could reach such a reference.
     const auto middle = [&](const Image& whole) {
       Image part = middle_of(whole, camera.layout, config.validation.crop);
@@ -77,7 +95,9 @@ Validation::Validation(const TrainingConfig& config, std::uint64_t seed, Progres
     for (const LightCase& shot : config.cases) {
       check_stop(progress);
       CameraNoise::Drawn drawn = naming_source(config.source.string(), [&] {
-        return noise->draw(clean, noise->setting_of(shot.gain), shot.ratio, seed, number++);
+        return naming_key("cases in [validation]", [&] {
+          return noise->draw(clean, noise->setting_of(shot.gain), shot.ratio, seed, number++);
+        });
       });
       RawFrame noisy = std::move(drawn.noisy);
       noisy.source = folder.string();

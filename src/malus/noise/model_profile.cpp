@@ -5,6 +5,7 @@
 #include "malus/noise/interpolate_kinds.h"
 #include "malus/noise/level_noise.h"
 #include "malus/noise/model.h"
+#include "malus/noise/profile_parts.h"
 
 #include <algorithm>
 #include <cmath>
@@ -22,12 +23,19 @@ NoiseProfile empty_profile(const NoiseModel& model) {
   return profile;
 }
 
-NoiseProfile gaussian_profile(const NoiseModel& model, const GaussianCalibration& calibration) {
+NoiseProfile gaussian_profile(const NoiseModel& model, const GaussianCalibration& calibration,
+                              const PhysicsParts& parts) {
   NoiseProfile profile = empty_profile(model);
+  if (!parts.quantization) profile.step_dn = 0;
+  // The calibrated offset is a recorded frame's, its rounding included.
+  const double rounding_dn2 = model.quantization_dn * model.quantization_dn / 12;
   for (std::size_t c = 0; c < profile.channels.size(); ++c) {
     ChannelProfile& channel = profile.channels[c];
     const double slope = calibration.slope_dn[c], electron = slope * slope;
-    channel.variance = VarianceCurve::fitted_line(slope, calibration.offset_dn2[c], electron);
+    const double offset_dn2 = (parts.read ? calibration.offset_dn2[c] : rounding_dn2) -
+                              (parts.quantization ? 0 : rounding_dn2);
+    channel.variance = parts.shot ? VarianceCurve::fitted_line(slope, offset_dn2, electron)
+                                  : VarianceCurve::affine(0, std::max(offset_dn2, 0.0));
     if (!calibration.bias_dn.empty()) channel.bias_dn = calibration.bias_dn[c];
     channel.gain_dn_per_e = calibration.slope_dn[c];
   }
@@ -110,26 +118,48 @@ NoiseProfile profile_beside_columns(const NoiseModel& model, const GainSetting& 
   return profile;
 }
 
-NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, GainRange range) {
-  if (!model.physics.empty()) return profile_of(model.physics_at(gain, range));
-  if (!model.gaussian.empty()) return gaussian_profile(model, model.gaussian_at(gain));
-  if (!model.nonparametric.empty())
-    return nonparametric_profile(model, model.nonparametric_at(gain));
+NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, GainRange range,
+                            const PhysicsParts& parts) {
+  if (!model.physics.empty()) {
+    PhysicsNoise noise = model.physics_at(gain, range);
+    noise.parts = parts;
+    return profile_of(noise);
+  }
+  if (!model.gaussian.empty()) return gaussian_profile(model, model.gaussian_at(gain), parts);
+  if (!model.nonparametric.empty()) {
+    NoiseProfile profile = nonparametric_profile(model, model.nonparametric_at(gain));
+    if (parts.row) return profile;
+    profile.row_drift = {};
+    for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = 0;
+    return profile;
+  }
   throw InputError(model.name(), "holds no model of the pixel noise",
                    "calibrate with " + setting("kinds", model_kind_name(ModelKind::kPhysics)));
+}
+
+// What the model knows of a frame beside its noise.
+NoiseProfile with_facts(NoiseProfile profile, const NoiseModel& model, const GainSetting& gain) {
+  profile.defects = defects_of(model);
+  const auto around = model.physics_around(gain);
+  profile.dark_was_cut_off =
+      std::any_of(around.begin(), around.end(), std::mem_fn(&PhysicsCalibration::dark_was_cut_off));
+  return profile;
 }
 
 }  // namespace
 
 NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range,
                                     ColumnNoise columns) const {
-  NoiseProfile profile = columns == ColumnNoise::kApart && !physics.empty()
-                             ? profile_beside_columns(*this, gain, range)
-                             : pixel_noise_at(*this, gain, range);
-  profile.defects = defects_of(*this);
-  const auto around = physics_around(gain);
-  profile.dark_was_cut_off =
-      std::any_of(around.begin(), around.end(), std::mem_fn(&PhysicsCalibration::dark_was_cut_off));
+  return with_facts(columns == ColumnNoise::kApart && !physics.empty()
+                        ? profile_beside_columns(*this, gain, range)
+                        : pixel_noise_at(*this, gain, range, {}),
+                    *this, gain);
+}
+
+NoiseProfile profile_of_parts(const NoiseModel& model, const GainSetting& gain, GainRange range,
+                              const PhysicsParts& parts) {
+  NoiseProfile profile = with_facts(pixel_noise_at(model, gain, range, parts), model, gain);
+  if (!parts.bias) profile.clear_bias();
   return profile;
 }
 

@@ -34,9 +34,9 @@ class CameraNoise {
   virtual GainSetting random_gain(std::uint64_t seed, std::uint32_t number) const = 0;
   /// Throws InputError on a gain that draws refuse, or that no profile is known at.
   virtual void require_gain(const GainSetting& gain) const = 0;
-  /// What a denoiser is told at a gain: of a flow measured on its draws (NoiseFlowModel). Throws
-  /// InputError as require_gain.
-  virtual NoiseProfile profile_at(const GainSetting& gain) const = 0;
+  /// What a denoiser is told at a gain of noise with these parts: of a flow, which knows no parts,
+  /// measured on its draws (NoiseFlowModel). Throws InputError as require_gain.
+  virtual NoiseProfile profile_at(const GainSetting& gain, const PhysicsParts& parts) const = 0;
   /// A frame of the clean mosaic (DN above black) at the ratio's light, with what it was drawn of;
   /// a function of (seed, number). Throws InputError as require_gain.
   virtual Drawn draw(View<const float> clean_dn, const GainSetting& gain, double ratio,
@@ -51,6 +51,11 @@ struct CameraNoiseOptions {
   double jitter = 0;        ///< sensors like it, another for every draw: jittered_sensor
   bool only_flows = false;  ///< no calibrated model is there whose kind the settings could mean
 };
+
+/// Throws InputError, about source, where no part makes noise of single pixels and the package
+/// wants to be told its level. step_dn: of frames that are rounded, 0 of others.
+void require_noise_level(const PhysicsParts& parts, double step_dn, const NetworkPackage& package,
+                         const std::string& source);
 
 /// Of a noise model's file or built-in name, or of a Noise Flow's file. Throws InputError as
 /// load_model, and where it is of another layout than the package.

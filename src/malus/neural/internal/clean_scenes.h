@@ -24,6 +24,11 @@ std::vector<StokesPlanes> load_angle_scene(const std::filesystem::path& folder);
 std::vector<StokesPlanes> load_picture_scene(const std::filesystem::path& path,
                                              const std::string& tone);
 
+/// The light of a picture behind two random surfaces, as training sees it: one in its brighter and
+/// one in its darker part. A function of (seed, number).
+std::vector<StokesPlanes> polarized_picture(const std::vector<StokesPlanes>& light,
+                                            std::uint64_t seed, std::uint32_t number);
+
 /// S0 as R, G, B planes, a single one three times: what sites without polarizers see everywhere.
 Planes intensity_of(const std::vector<StokesPlanes>& light);
 

@@ -7,10 +7,13 @@
 #include "malus/neural/training_config.h"
 #include "malus/noise/profile.h"
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <string>
 #include <vector>
+
+#include <nlohmann/json.hpp>
 
 namespace malus {
 
@@ -31,12 +34,16 @@ class PairSource {
  public:
   virtual ~PairSource() = default;
   virtual RawPair pair(std::uint64_t seed, std::uint32_t number) const = 0;
+  /// Pictures and scenes, samples of shards, or captured pairs that it draws from.
+  virtual std::size_t size() const = 0;
+  /// Of several kinds: their sizes and shares of the examples, by their names; else null.
+  virtual nlohmann::ordered_json shares() const { return {}; }
   /// What speaks against the noise of the pairs: models that do not say their gain.
   virtual std::vector<std::string> complaints() const { return {}; }
 };
 
 /// Of all that the configuration names; where it names several kinds, each pair is drawn from one
-/// of them, by their numbers of files. Throws InputError.
+/// of them, by their sizes. Throws InputError.
 std::unique_ptr<PairSource> make_pair_source(const TrainingConfig& config);
 
 }  // namespace malus

@@ -18,7 +18,8 @@ struct RunFacts {
   int workers = 1;
   std::string device;
   double seconds = 0;
-  double best_score_db = 0;  ///< of validations; meant only where there are any
+  double best_score_db = 0;            ///< of validations; meant only where there are any
+  nlohmann::ordered_json shares = {};  ///< PairSource::shares
 };
 
 /// Whether a line of log.jsonl holds this of the step: "noisy", "validation".
