@@ -2,6 +2,7 @@
 #include "malus/base/text.h"
 #include "malus/calibrate/warnings_of_gains.h"
 #include "malus/noise/data_sheet.h"
+#include "malus/noise/rounding.h"
 #include "malus/report/write_report.h"
 
 #include <algorithm>
@@ -111,6 +112,22 @@ FiguresBlock key_figures(const NoiseModel& model) {
   return figures;
 }
 
+// What data_sheet states then is no measurement, beside a read noise that is one.
+std::string limit_of_dark_noise(const NoiseModel& model) {
+  const double least_dn = std::sqrt(kLeastDarkVariance) * model.quantization_dn;
+  std::vector<std::string> gains;
+  for (const PhysicsCalibration& p : model.physics)
+    if (std::any_of(p.temporal_sd_dark_dn.begin(), p.temporal_sd_dark_dn.end(),
+                    [=](double sd_dn) { return sd_dn < least_dn; }))
+      gains.push_back(p.gain.decibel() ? p.gain.text() : "this gain");
+  if (gains.empty()) return "";
+  return fmt::format(
+      " At {} the converter's step hides the dark noise of channels: theirs is the standard's "
+      "limit, so the true dark noise and threshold are at most these, and the dynamic range at "
+      "least this.",
+      joined(gains));
+}
+
 TableBlock sheet_over_gains(const NoiseModel& model) {
   const bool below_white =
       std::any_of(model.physics.begin(), model.physics.end(), [](const PhysicsCalibration& p) {
@@ -120,11 +137,12 @@ TableBlock sheet_over_gains(const NoiseModel& model) {
   TableBlock table{.title = "Data sheet",
                    .note = fmt::format(
                        "Terms of the EMVA Standard 1288, means of the channels. Saturation is {}. "
-                       "Quantum efficiency is not measured, so the threshold is in electrons.",
+                       "Quantum efficiency is not measured, so the threshold is in electrons.{}",
                        below_white ? "where the temporal noise is largest, and the mean is of the "
                                      "channels whose flats get there; at gains where none does it "
                                      "is the white level's"
-                                   : "the white level's"),
+                                   : "the white level's",
+                       limit_of_dark_noise(model)),
                    .head = "quantity",
                    .columns = {},
                    .rows = {}};

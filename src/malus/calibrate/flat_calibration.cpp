@@ -77,9 +77,10 @@ void widen_by_bend(const std::vector<Estimate<TransferFit>>& fits, Response& rel
 // used in the order of its functions. `out` holds what the bias frames told.
 class FlatSeries {
  public:
-  FlatSeries(const GainRun& run, const CommonDark& common)
+  FlatSeries(const GainRun& run, const CommonDark& common, FrameRowNoise rows)
       : run_(run),
         common_(common),
+        rows_(std::move(rows)),
         frame_deviation_dn_(common.pass.temporal.frame_deviation_dn()),
         levels_(as_index(run.geometry().channels())),
         patterns_(run.geometry()) {}
@@ -91,14 +92,17 @@ class FlatSeries {
   void tell_response(PhysicsCalibration& out) const;
 
  private:
+  bool light_is_known() const;
   DarkPoint corrected_dark_point(int channel, PhysicsCalibration& out);
   bool saturated_in_any(std::size_t level) const;
   bool all_bright() const { return patterns_.response.channels_without().empty(); }
   void warn_of_full_well(PhysicsCalibration& out) const;
+  std::string reason_against_response() const;
   FlatReference reference(const PhysicsCalibration& bias) const;
 
   const GainRun& run_;
   CommonDark common_;
+  FrameRowNoise rows_;
   std::vector<double> frame_deviation_dn_;          ///< of the bias frames, per channel
   std::vector<std::vector<TransferLevel>> levels_;  ///< [channel][level]
   FlatPatterns patterns_;
@@ -113,22 +117,23 @@ class FlatSeries {
 // Reads the flats, and their own dark frames where they have them.
 void FlatSeries::add(const FrameSet& flat) {
   const MatchingDark dark = matching_dark(run_, flat, common_);
-  FlatLevel level = measure_level(run_, flat, dark);
-  const std::vector<double> mean = level.temporal.mean_dn(level.filled, dark.shading_dn()),
-                            dark_variance = dark.variance_without_dn2(level.filled);
-  const std::vector<double> variance = flat.count >= 2 ? level.temporal.variance_dn2(level.filled)
-                                                       : std::vector<double>(mean.size(), 0.0);
+  FlatLevel level = measure_level(run_, flat, dark, rows_);
+  const int frames = level.temporal.frames();
+  const std::vector<double> mean = level.temporal.mean_dn(level.left_out, dark.shading_dn()),
+                            dark_variance = dark.variance_without_dn2(level.left_out),
+                            variance = frames >= 2 ? level.variance_dn2
+                                                   : std::vector<double>(mean.size(), 0.0);
   std::vector<bool> good;
   for (std::size_t c = 0; c < mean.size(); ++c) {
     TransferLevel point;
     point.mean_dn = mean[c];
     const double frame_variance = frame_deviation_dn_[c] * frame_deviation_dn_[c];
-    point.mean_variance_dn2 = frame_variance / flat.count;
+    point.mean_variance_dn2 = frame_variance / frames;
     point.dark_mean_variance_dn2 = frame_variance / (dark.frames ? dark.frames : run_.bias().count);
     point.dark_variance_dn2 = dark_variance[c];
     point.variance_dn2 =
         steady_variance_dn2(level.temporal, c, mean[c], variance[c], point.dark_variance_dn2);
-    point.frames = flat.count;
+    point.frames = frames;
     point.exposure_s = flat.exposure_s.value_or(0.0);
     point.dark_frames = dark.frames;
     point.dark_set = dark.set;
@@ -145,9 +150,24 @@ void FlatSeries::add(const FrameSet& flat) {
   if (!all_good) level.seen.successive = {};
   seen_.push_back(std::move(level.seen));
   gains_.push_back(all_good ? std::move(level.gains) : GainBlocks());
-  if (all_good) light_dn_.push_back(mean);
+  if (all_good && light_is_known()) light_dn_.push_back(mean);
   patterns_.add(run_.format(), flat, level, dark, good);
   good_.push_back(std::move(good));
+}
+
+// That of the last level, to a hundredth: what colours and angles see of less is noise.
+bool FlatSeries::light_is_known() const {
+  constexpr double kMostError = 0.01;
+  double light_dn = 0, error_dn2 = 0;
+  for (int c = 0; c < run_.geometry().channels(); ++c) {
+    const TransferLevel& point = levels_[as_index(c)].back();
+    light_dn += point.mean_dn;
+    error_dn2 += point.mean_variance_dn2 + point.dark_mean_variance_dn2 +
+                 point.variance_dn2 /
+                     (static_cast<double>(run_.geometry().channel_pixels(c)) * point.frames);
+  }
+  const double channels = run_.geometry().channels();
+  return std::sqrt(error_dn2 / channels) < kMostError * light_dn / channels;
 }
 
 // The channel's dark point, and its levels, as they were before the converter's step hid their
@@ -206,7 +226,7 @@ void FlatSeries::take_saturated_out_of_patterns() {
   run_.progress().begin("calibrating, saturated flats left out", frames);
   for (const std::size_t i : kept) {
     const MatchingDark own = matching_dark(run_, *flats[i], common_);
-    FlatLevel level = measure_level(run_, *flats[i], own);
+    FlatLevel level = measure_level(run_, *flats[i], own, rows_);
     patterns_.add(run_.format(), *flats[i], level, own, good_[i]);
   }
 }
@@ -229,12 +249,13 @@ void FlatSeries::warn_of_full_well(PhysicsCalibration& out) const {
   }
   if (names.empty()) return;
   // Shot noise meets the end a little below it.
-  const double advised = std::min(run_.settings().saturation_limit, 0.9 * lowest / range_dn);
+  const double limit = run_.settings().saturation_limit, advised = 0.9 * lowest / range_dn;
   out.warnings.push_back(fmt::format(
       "the sensor saturates (or its response has a knee) at {:.4g} DN above black, below white: "
       "there the variance falls while the mean rises. Left out of K and PRNU: {}. Full well and "
-      "dynamic range count to there; use shorter exposures, or a saturation limit of {:.2f}",
-      lowest, joined(names), advised));
+      "dynamic range count to there; {}a saturation limit of {:.2f}{}",
+      lowest, joined(names), advised < limit ? "use shorter exposures, or " : "",
+      std::min(advised, limit), advised < limit ? "" : ", the one in force, is low enough"));
 }
 
 FlatReference FlatSeries::reference(const PhysicsCalibration& bias) const {
@@ -273,9 +294,20 @@ void FlatSeries::judge(PhysicsCalibration& out) {
   warn_of_alike_neighbours(common_.pass.neighbours, patterns_.neighbours, out);
 }
 
+// The reason against the most levels that are bright enough, of the channels without a response.
+std::string FlatSeries::reason_against_response() const {
+  std::vector<TransferLevel> bright;
+  for (const int c : patterns_.response.channels_without())
+    for (const TransferLevel& level : levels_[as_index(c)])
+      if (level.mean_dn > kResponseShare * run_.format().range_dn(as_index(c)))
+        bright.push_back(level);
+  return most_frequent_reason(bright);
+}
+
 void FlatSeries::tell_response(PhysicsCalibration& out) const {
   if (!all_bright()) {
-    if (!out.K.mean.empty()) out.warnings.push_back(patterns_.response_missing(run_.format()));
+    if (!out.K.mean.empty())
+      out.warnings.push_back(patterns_.response_missing(run_.format(), reason_against_response()));
     return;
   }
   Response relative = patterns_.response.response({out.sigma_row.mean, out.row_drift.drift});
@@ -292,7 +324,7 @@ void FlatSeries::tell_response(PhysicsCalibration& out) const {
 void measure_flats(const GainRun& run, const DarkPass& dark, PhysicsCalibration& out) {
   MALUS_REQUIRE(out.sigma_row.mean.size() == as_index(run.geometry().channels()) &&
                 !out.dark_shading_dn.empty());
-  FlatSeries series(run, {dark, out.dark_shading_dn});
+  FlatSeries series(run, {dark, out.dark_shading_dn}, {out.sigma_row.mean, out.row_drift.drift});
   for (const FrameSet* flat : run.plan().flats) series.add(*flat);
   series.fit(out);
   series.take_saturated_out_of_patterns();

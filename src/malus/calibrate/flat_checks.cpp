@@ -68,6 +68,24 @@ void warn_of_mixed_light(const std::vector<FlatObservation>& flats, const FlatRe
       worst->name, *low, source(low), *high, source(high), and_more(levels)));
 }
 
+void warn_of_unlike_frames(const std::vector<FlatObservation>& flats, PhysicsCalibration& out) {
+  const FlatObservation* first = nullptr;
+  int levels = 0;
+  for (const FlatObservation& flat : flats) {
+    if (flat.unlike.empty()) continue;
+    ++levels;
+    if (!first) first = &flat;
+  }
+  if (!first) return;
+  const std::size_t more = first->unlike.size() - 1;
+  out.warnings.push_back(fmt::format(
+      "{}: {}{} is left out, with {:.4g} DN of light where the others have {:.4g} DN{}: did the "
+      "lamp or the exposure come late?",
+      first->name, first->unlike.front(), more > 0 ? fmt::format(" (and {} more)", more) : "",
+      first->unlike_dn, mean_of(first->signal_dn),
+      levels > 1 ? fmt::format(" (as are frames of {} more levels)", levels - 1) : ""));
+}
+
 void warn_of_low_white(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                        PhysicsCalibration& out) {
   constexpr double kOfPixels = 1e-3;
@@ -253,6 +271,7 @@ bool warn_of_flats(const std::vector<FlatObservation>& flats, const FlatReferenc
   const std::size_t before = out.warnings.size();
   warn_of_flats_below_dark(flats, reference, out);
   warn_of_mixed_light(flats, reference, out);
+  warn_of_unlike_frames(flats, out);
   warn_of_low_white(flats, reference, out);
   warn_of_high_white(flats, reference, out);
   warn_of_companding(flats, out);

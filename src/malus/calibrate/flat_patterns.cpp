@@ -14,7 +14,7 @@ namespace malus {
 void FlatPatterns::add(const FrameFormat& format, const FrameSet& flat, FlatLevel& level,
                        const MatchingDark& dark, const std::vector<bool>& good) {
   if (std::find(good.begin(), good.end(), false) == good.end()) neighbours.merge(level.neighbours);
-  const std::vector<double> mean = level.temporal.mean_dn(level.filled, dark.shading_dn());
+  const std::vector<double> mean = level.temporal.mean_dn(level.left_out, dark.shading_dn());
   std::vector<bool> bright;
   for (std::size_t c = 0; c < mean.size(); ++c)
     bright.push_back(good[c] && mean[c] > kResponseShare * format.range_dn(c));
@@ -23,7 +23,7 @@ void FlatPatterns::add(const FrameFormat& format, const FrameSet& flat, FlatLeve
       response.add(level.temporal,
                    {dark.shading_dn(), dark.shading_error_dn2, dark.shading_doubt_dn2,
                     dark.shading_set(), dark.shading_frames, dark.darkless_s},
-                   level.filled, bright);
+                   level.left_out, bright);
   // Of some channels it is no measure to compare with that of all.
   if (std::find(bright.begin(), bright.end(), false) != bright.end())
     of_level.variance = std::numeric_limits<double>::quiet_NaN();
@@ -34,15 +34,22 @@ void FlatPatterns::add(const FrameFormat& format, const FrameSet& flat, FlatLeve
                          of_level.variance, of_level.standard_error});
 }
 
-std::string FlatPatterns::response_missing(const FrameFormat& format) const {
+std::string FlatPatterns::response_missing(const FrameFormat& format,
+                                           const std::string& refused) const {
   std::vector<std::string> without;
   for (const int channel : response.channels_without())
     without.push_back(format.layout.channel_name(channel));
   const bool some = without.size() < format.black_dn.size();
+  const std::string channels = some ? channels_text(without, format.layout) : "every channel";
+  if (!refused.empty())
+    return fmt::format(
+        "PRNU is not known: no flats above {:.0f} % of the range in {} count for K; of those there "
+        "{}",
+        100 * kResponseShare, channels, refused);
   return fmt::format(
       "PRNU is not known: no flats that count for K lie above {:.0f} % of the range in {}; take "
       "brighter ones{}, or correct white = {:g}",
-      100 * kResponseShare, some ? channels_text(without, format.layout) : "every channel",
+      100 * kResponseShare, channels,
       some ? ", or light that all channels see alike (white and unpolarized)" : "",
       format.white_dn);
 }

@@ -61,23 +61,30 @@ bool LightProfile::is_lit(const Bands& bands, std::size_t band) const {
 }
 
 double LightProfile::band_variance_dn2(const Bands& bands, std::size_t band,
-                                       FrameAlignment alignment) const {
+                                       FrameAlignment alignment,
+                                       const std::vector<double>& relative_light) const {
   const bool scaled = alignment == FrameAlignment::kMultiplicative;
   const double all = all_pixels();
+  const auto frames = static_cast<double>(bands.sums_dn.size());
+  double above_dn = -light_ / (frames * all);  // the band's mean light over the frame's
+  for (const std::vector<double>& sums : bands.sums_dn)
+    above_dn += sums[band] / (frames * bands.pixels[band]);
   Moments of_band;
   for (std::size_t f = 0; f < bands.sums_dn.size(); ++f) {
     const double sum = bands.sums_dn[f][band], of_frame = frame_sums_dn_[f];
-    of_band.add(scaled ? sum / of_frame : sum / bands.pixels[band] - of_frame / all);
+    const double of_lamp = relative_light.empty() ? 0.0 : (relative_light[f] - 1.0) * above_dn;
+    of_band.add(scaled ? sum / of_frame : sum / bands.pixels[band] - of_frame / all - of_lamp);
   }
   if (!scaled) return of_band.variance();
   const double relative = of_band.variance() / (of_band.mean() * of_band.mean());
-  const double mean_dn = light_ / (static_cast<double>(bands.sums_dn.size()) * all);
+  const double mean_dn = light_ / (frames * all);
   return relative * mean_dn * mean_dn;
 }
 
 // A band's mean scatters by its n pixels' noise, which the frame's N pixels' takes a part of:
 // σ² (1/n - 1/N).
 double LightProfile::excess_dn2(const Bands& bands, double variance_dn2, FrameAlignment alignment,
+                                const std::vector<double>& relative_light,
                                 double& standard_error_dn2, int& lit) const {
   const auto frames = static_cast<double>(bands.sums_dn.size());
   double excess = 0, squares = 0;
@@ -85,7 +92,7 @@ double LightProfile::excess_dn2(const Bands& bands, double variance_dn2, FrameAl
     if (alignment == FrameAlignment::kMultiplicative && !is_lit(bands, b)) continue;
     ++lit;
     const double noise = variance_dn2 * (1.0 / bands.pixels[b] - 1.0 / all_pixels());
-    excess += band_variance_dn2(bands, b, alignment) - noise;
+    excess += band_variance_dn2(bands, b, alignment, relative_light) - noise;
     squares += noise * noise;
   }
   const auto count = static_cast<double>(std::max(lit, 1));
@@ -93,13 +100,15 @@ double LightProfile::excess_dn2(const Bands& bands, double variance_dn2, FrameAl
   return excess / count;
 }
 
-LightChange LightProfile::change(double variance_dn2, FrameAlignment alignment) const {
+LightChange LightProfile::change(double variance_dn2, FrameAlignment alignment,
+                                 const std::vector<double>& relative_light) const {
   LightChange out;
   if (frame_sums_dn_.size() < 2) return out;
   if (alignment == FrameAlignment::kMultiplicative && !(light_ > 0)) return out;
-  out.rows_dn2 = excess_dn2(rows_, variance_dn2, alignment, out.rows_stderr_dn2, out.row_bands);
-  out.columns_dn2 =
-      excess_dn2(columns_, variance_dn2, alignment, out.columns_stderr_dn2, out.column_bands);
+  out.rows_dn2 = excess_dn2(rows_, variance_dn2, alignment, relative_light, out.rows_stderr_dn2,
+                            out.row_bands);
+  out.columns_dn2 = excess_dn2(columns_, variance_dn2, alignment, relative_light,
+                               out.columns_stderr_dn2, out.column_bands);
   return out;
 }
 

@@ -26,6 +26,26 @@ std::vector<double> defect_limits(const GainRun& run, View<const float> shading_
   return limits;
 }
 
+PixelPlaces defects_of(const GainRun& run, View<const float> shading_dn, double step_dn) {
+  const MosaicGeometry& geometry = run.geometry();
+  std::vector<double> centre, most;
+  for (int c = 0; c < geometry.channels(); ++c) {
+    const PixelLocation usual =
+        location_of(geometry, c, [&](int row, int col) { return shading_dn(row, col); });
+    const double half = 0.5 * run.format().range_dn(as_index(c));
+    const double deviation = std::max(usual.deviation, least_shown_deviation(step_dn));
+    centre.push_back(usual.centre);
+    most.push_back(deviation > 0 ? std::min(kDefectDeviations * deviation, half) : half);
+  }
+  PixelPlaces defects;
+  for (int r = 0; r < geometry.rows(); ++r)
+    for (int col = 0; col < geometry.cols(); ++col) {
+      const auto c = as_index(geometry.channel(r, col));
+      if (std::abs(shading_dn(r, col) - centre[c]) > most[c]) defects.emplace_back(r, col);
+    }
+  return defects;
+}
+
 void take_common_shading(const CommonDark& common, MatchingDark& out) {
   out.shading_error_dn2 = common.pass.temporal.variance_dn2();
   for (double& error : out.shading_error_dn2) error /= common.pass.temporal.frames();
@@ -129,6 +149,7 @@ MatchingDark matching_dark(const GainRun& run, const FrameSet& flat, const Commo
     out.level_dn[c] += run.format().black_dn[c];
   }
   out.defect_above_dn = defect_limits(run, out.shading_dn());
+  out.defects = defects_of(run, out.shading_dn(), common.pass.step_dn);
   return out;
 }
 

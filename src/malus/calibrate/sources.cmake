@@ -25,6 +25,7 @@ set(calibrate_SOURCES
   frame_set.cpp
   gain_map.cpp
   gaussian_calibration.cpp
+  lamp_flicker.cpp
   level_histograms.cpp
   level_pass.cpp
   light_polynomial.cpp

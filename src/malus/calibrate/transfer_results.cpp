@@ -15,23 +15,24 @@ namespace {
 
 constexpr std::size_t kFewLevels = 5;
 
-// The reason against the most levels, of a channel with too few.
-std::string most_frequent_reason(const std::vector<TransferLevel>& levels) {
-  std::map<Refusal, std::vector<const std::string*>> reasons;
-  std::size_t used = 0;
-  for (const TransferLevel& level : levels)
-    if (level.refused.empty())
-      ++used;
-    else
-      reasons[level.refused.reason].push_back(&level.refused.words);
-  const auto most = std::max_element(
-      reasons.begin(), reasons.end(),
-      [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
-  if (used >= 2 || most == reasons.end()) return {};
-  return fmt::format("; {} of {}: {}", most->second.size(), levels.size(), *most->second.front());
+std::size_t usable(const std::vector<TransferLevel>& levels) {
+  return static_cast<std::size_t>(
+      std::count_if(levels.begin(), levels.end(),
+                    [](const TransferLevel& level) { return level.refused.empty(); }));
 }
 
 }  // namespace
+
+std::string most_frequent_reason(const std::vector<TransferLevel>& levels) {
+  std::map<Refusal, std::vector<const std::string*>> reasons;
+  for (const TransferLevel& level : levels)
+    if (!level.refused.empty()) reasons[level.refused.reason].push_back(&level.refused.words);
+  const auto most = std::max_element(
+      reasons.begin(), reasons.end(),
+      [](const auto& a, const auto& b) { return a.second.size() < b.second.size(); });
+  if (most == reasons.end()) return {};
+  return fmt::format("{} of {}: {}", most->second.size(), levels.size(), *most->second.front());
+}
 
 void append_transfer(int channel, const Estimate<TransferFit>& fit,
                      const std::vector<TransferLevel>& levels, PhysicsCalibration& out) {
@@ -61,10 +62,13 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits,
   for (int c = 0; c < layout.channels(); ++c) {
     const auto& fit = fits[as_index(c)];
     if (!fit) {
+      // With two levels or more it is no refusal that the fit lacks.
+      const std::string refused =
+          usable(levels[as_index(c)]) < 2 ? most_frequent_reason(levels[as_index(c)]) : "";
       out.warnings.push_back(
-          fmt::format("{}: the gain K is not known{}: {}{}", layout.channel_name(c),
+          fmt::format("{}: the gain K is not known{}: {}{}{}", layout.channel_name(c),
                       layout.channels() > 1 ? ", so K of no channel is kept" : "", fit.reason(),
-                      most_frequent_reason(levels[as_index(c)])));
+                      refused.empty() ? "" : "; ", refused));
       out.K = {};
       out.K_intercept_dn2.clear();
       out.K_intercept_stderr_dn2.clear();
@@ -85,12 +89,12 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits,
     most_chi_square = std::max(most_chi_square, fit->chi_square_per_level);
     most_excess_dn2 = std::max(most_excess_dn2, fit->excess_deviation_dn2);
   }
-  std::size_t used = 0;
-  for (const PhotonTransferPoint& point : out.transfer) used += point.channel == 0 && point.used;
-  if (used < kFewLevels)
-    out.warnings.push_back(
-        fmt::format("K rests on {} light levels; {} or more show whether the sensor is linear",
-                    used, kFewLevels));
+  if (const std::size_t used = usable(levels.front()); used < kFewLevels) {
+    const std::string refused = most_frequent_reason(levels.front());
+    out.warnings.push_back(fmt::format(
+        "K rests on {} light levels; {} or more show whether the sensor is linear{}", used,
+        kFewLevels, refused.empty() ? "" : fmt::format(" (left out are {})", refused)));
+  }
   if (!bent.empty())
     out.warnings.push_back(fmt::format(
         "{}: the sensor is not linear (or its light or dark frames do not match the session file): "

@@ -4,6 +4,7 @@
 #include "malus/base/settings_check.h"
 #include "malus/base/statistics.h"
 #include "malus/base/wording.h"
+#include "malus/evaluate/common_offsets.h"
 #include "malus/evaluate/divergence.h"
 #include "malus/evaluate/image_metrics.h"
 #include "malus/evaluate/noise_structure.h"
@@ -197,8 +198,11 @@ struct Lattice {
   int parts = 1;
 };
 
-// Whole numbers less their mean, multiples of a step's n-th of which a pixel has one in every step.
-Lattice lattice_of(const NoiseSource& a, const NoiseSource& b, const Ground& ground, int group) {
+// Whole numbers; less their mean, they are multiples of a step's n-th of which a pixel has one in
+// every step.
+Lattice lattice_of(const NoiseSource& a, const NoiseSource& b, const Ground& ground, int group,
+                   const MomentsByLevel& of_a, const MomentsByLevel& of_b) {
+  if (group == 0) return {of_a.whole_numbers && of_b.whole_numbers ? 1.0 : 0.0};
   const double step_a = a.step_dn(), step_b = b.step_dn();
   if (!(step_a > 0 && step_b > 0)) return {};
   return {std::max(step_a, step_b) * static_cast<double>(ground.scale), group};
@@ -220,10 +224,18 @@ Bins bins_of(const Moments& a, const Moments& b, const Lattice& lattice, int cou
   return {low, (high - low) / count, count};
 }
 
-// Histograms of one side: one per level and one of all samples.
+std::vector<Bins> bins_of_levels(const MomentsByLevel& a, const MomentsByLevel& b,
+                                 const Lattice& lattice, int count) {
+  std::vector<Bins> bins;
+  for (std::size_t i = 0; i < a.noise.size(); ++i)
+    bins.push_back(bins_of(a.noise[i], b.noise[i], lattice, count));
+  return bins;
+}
+
+// Histograms of one side: one per level and one of all samples, and what these have in common.
 std::vector<Counts> histograms_of(NoiseSource& source, const Bins& levels,
                                   const std::vector<Bins>& bins, StructureSums& structure,
-                                  Progress& progress) {
+                                  CommonOffsets& offsets, Progress& progress) {
   std::vector<Counts> counts;
   for (const Bins& b : bins) counts.emplace_back(static_cast<std::size_t>(b.count));
   for (int k = 0; k < source.count(); ++k) {
@@ -240,9 +252,13 @@ std::vector<Counts> histograms_of(NoiseSource& source, const Bins& levels,
       const double s = ground.signal.empty() ? 0.0 : ground.signal.values()[i];
       if (!std::isfinite(x) || !std::isfinite(s)) continue;
       const std::size_t level = levels.of(s);
+      const int row = static_cast<int>(i) / noise.cols();
       ++counts[level][bins[level].of(x)];
       ++counts.back()[bins.back().of(x)];
+      offsets.add(level, row, x);
+      offsets.add(counts.size() - 1, row, x);
     }
+    offsets.end_frame();
     progress.advance(1);
   }
   return counts;
@@ -254,8 +270,9 @@ std::int64_t samples_in(const Counts& counts) {
   return sum;
 }
 
+// offsets_bits: what the two have of offsets that many of their samples share.
 NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bins& bins,
-                          double signal_dn) {
+                          double signal_dn, double offsets_bits) {
   const double jsd = *jsd_bits(reference, test);
   return {signal_dn,
           bins.width,
@@ -264,7 +281,7 @@ NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bin
           *kld_nats(test, reference),
           jsd,
           std::sqrt(jsd),
-          std::sqrt(*jsd_floor_bits(reference, test))};
+          std::sqrt(std::min(*jsd_floor_bits(reference, test) + offsets_bits, 1.0))};
 }
 
 }  // namespace
@@ -293,69 +310,41 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   const MomentsByLevel moments_b = moments_of(first_b, ground_b.signal, levels);
   if (moments_a.signal.count() < 2 || moments_b.signal.count() < 2)
     throw InputError("the frames", "hold no finite pixels", "check what was written into them");
-  Lattice lattice;
-  if (group > 0)
-    lattice = lattice_of(a, b, ground_a, group);
-  else if (moments_a.whole_numbers && moments_b.whole_numbers)
-    lattice.unit = 1;
-  std::vector<Bins> bins;
-  for (std::size_t i = 0; i < moments_a.noise.size(); ++i)
-    bins.push_back(bins_of(moments_a.noise[i], moments_b.noise[i], lattice, settings.bins));
+  const std::vector<Bins> bins = bins_of_levels(
+      moments_a, moments_b, lattice_of(a, b, ground_a, group, moments_a, moments_b), settings.bins);
 
   progress.begin("noise", a.count() + b.count());
   StructureSums structure_a(layout), structure_b(layout);
-  const auto counts_a = histograms_of(a, levels, bins, structure_a, progress);
-  const auto counts_b = histograms_of(b, levels, bins, structure_b, progress);
+  CommonOffsets offsets_a(bins.size(), first_a.rows()), offsets_b = offsets_a;
+  const auto counts_a = histograms_of(a, levels, bins, structure_a, offsets_a, progress);
+  const auto counts_b = histograms_of(b, levels, bins, structure_b, offsets_b, progress);
   NoiseComparison result;
-  result.pooled =
-      distance_of(counts_a.back(), counts_b.back(), bins.back(), moments_a.signal.mean());
+  result.reference = structure_a.result();
+  result.test = structure_b.result();
+  // Frames less their own mean have none that they do not share in the mean.
+  const auto of_offsets = [&](std::size_t k) {
+    if (group > 0) return 0.0;
+    const double variance_dn2 = offsets_a.mean_variance_dn2(k, moments_a.noise[k].variance()) +
+                                offsets_b.mean_variance_dn2(k, moments_b.noise[k].variance());
+    return jsd_of_offsets_bits(counts_a[k], counts_b[k], bins[k].width, variance_dn2);
+  };
+  const std::size_t all = bins.size() - 1;
+  result.pooled = distance_of(
+      counts_a[all], counts_b[all], bins[all], moments_a.signal.mean(),
+      of_offsets(all) +
+          jsd_of_spread_bits(result.reference, reference, first_a,
+                             offsets_a.frame_variance_dn2(all)) +
+          jsd_of_spread_bits(result.test, test, first_b, offsets_b.frame_variance_dn2(all)));
   for (int i = 0; i < levels.count && !uniform; ++i) {
     const auto k = static_cast<std::size_t>(i);
     if (samples_in(counts_a[k]) < kEnoughSamples || samples_in(counts_b[k]) < kEnoughSamples ||
         bins[k].count < 2)
       ++result.levels_left_out;
     else
-      result.levels.push_back(distance_of(counts_a[k], counts_b[k], bins[k], levels.centre(i)));
+      result.levels.push_back(
+          distance_of(counts_a[k], counts_b[k], bins[k], levels.centre(i), of_offsets(k)));
   }
-  result.reference = structure_a.result();
-  result.test = structure_b.result();
   return result;
-}
-
-std::vector<Quantity> quantities_of(const NoiseComparison& c) {
-  const auto scalar = [](const char* name, const char* symbol, const char* unit,
-                         const char* description, double value) {
-    return Quantity{name, symbol, unit, description, {value}};
-  };
-  const auto list = [](const std::string& name, const char* symbol, const char* unit,
-                       const char* description, const std::vector<double>& value) {
-    return Quantity{name, symbol, unit, description, value};
-  };
-  std::vector<Quantity> all = {
-      scalar("kld", "D(Q||P)", "nat", "Kullback-Leibler divergence of test from reference",
-             c.pooled.kld_nats),
-      scalar("jsd", "JSD", "bit", "Jensen-Shannon divergence, base 2", c.pooled.jsd_bits),
-      scalar("sqrt_jsd", "√JSD", "1", "its root, as in the figures of 001", c.pooled.sqrt_jsd),
-      scalar("sqrt_jsd_floor", "√JSD floor", "1", "expected for two samples of one distribution",
-             c.pooled.sqrt_jsd_floor)};
-  for (const auto& [side, s] : {std::pair{"reference", &c.reference}, {"test", &c.test}}) {
-    const std::string suffix = fmt::format("_{}", side);
-    all.push_back(list("mean" + suffix, "μ", "DN", "mean per channel", s->mean_dn));
-    all.push_back(list("sd" + suffix, "σ", "DN", "standard deviation per channel", s->sd_dn));
-    all.push_back(list("sigma_row" + suffix, "σ_b", "DN", "row noise per channel", s->row_sd_dn));
-    all.push_back(
-        list("sigma_column" + suffix, "σ_c", "DN", "column noise per channel", s->column_sd_dn));
-    all.push_back(list("row_power" + suffix, "P_b", "DN^2",
-                       "power of the rows' means in eight bands, low to high frequency",
-                       s->row_power_dn2));
-    all.push_back(list("correlation_along_row" + suffix, "ρ", "1",
-                       "correlation of pixels 1, 2, ... apart in a row", s->along_row));
-    all.push_back(list("correlation_along_column" + suffix, "ρ", "1",
-                       "correlation of pixels 1, 2, ... apart in a column", s->along_column));
-    all.push_back(list("correlation_between_frames" + suffix, "ρ", "1",
-                       "correlation of a pixel in a frame and in the next", {s->between_frames}));
-  }
-  return all;
 }
 
 Estimate<NoiseDistance> compare_scenes(int scenes, const std::function<NoiseOfScene(int)>& load,
@@ -376,7 +365,7 @@ Estimate<NoiseDistance> compare_scenes(int scenes, const std::function<NoiseOfSc
   const auto size = static_cast<std::size_t>(common.count);
   Counts counts[2] = {Counts(size), Counts(size)};
   each([&](bool test, double x) { ++counts[test][common.of(x)]; });
-  return distance_of(counts[0], counts[1], common, std::numeric_limits<double>::quiet_NaN());
+  return distance_of(counts[0], counts[1], common, std::numeric_limits<double>::quiet_NaN(), 0.0);
 }
 
 Estimate<double> kept_detail_psnr_db(View<const float> mean_dn, View<const float> clean_dn,

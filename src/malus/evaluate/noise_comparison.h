@@ -47,7 +47,10 @@ struct NoiseDistance {
   double kld_nats = 0;  ///< D(test || reference)
   double jsd_bits = 0;  ///< base 2, 0..1
   double sqrt_jsd = 0;
-  double sqrt_jsd_floor = 0;  ///< of two samples of one distribution of these sizes
+  /// On average of two samples of one distribution of these sizes, whose rows and frames' levels
+  /// scatter as these do (of compare_scenes: of independent pixels). Of one frame slow drift of the
+  /// rows is not seen.
+  double sqrt_jsd_floor = 0;
 };
 
 /// Structure of one set's noise.

@@ -1,9 +1,11 @@
 set(evaluate_SOURCES
+  common_offsets.cpp
   divergence.cpp
   evaluation.cpp
   image_metrics.cpp
   leave_one_gain_out.cpp
   noise_comparison.cpp
+  noise_quantities.cpp
   noise_structure.cpp
   polarization_metrics.cpp
   uncertainty_check.cpp

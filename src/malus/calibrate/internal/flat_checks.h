@@ -41,7 +41,9 @@ class TopCodes {
 /// What one set of flats showed.
 struct FlatObservation {
   std::string name;                     ///< of the set
-  std::vector<std::string> sources;     ///< file of each frame
+  std::vector<std::string> sources;     ///< file of each frame that counts
+  std::vector<std::string> unlike;      ///< and of those left out, whose light is another
+  double unlike_dn = 0;                 ///< the first one's, above dark
   std::vector<double> signal_dn;        ///< above dark, mean over the channels: one per frame
   TopCodes codes;                       ///< of the pixels that are no defects
   std::int64_t pixels = 0;              ///< of all frames
@@ -75,7 +77,8 @@ struct FlatReference {
 
 /// Appends warnings to `out`: levels below the bias frames by more than half of the dark noise,
 /// eight standard errors and a thousandth of a step; levels whose frames' light differs by more
-/// than 10 % (and by more than the dark level does); levels of which more than a thousandth lies
+/// than 10 % (and by more than the dark level does); levels with frames that were left out for
+/// their light; levels of which more than a thousandth lies
 /// above white; flats whose largest code is below white and holds more than 1 % of a level's pixels
 /// and ten times as many as the next lower code; codes that lie farther apart in bright levels than
 /// in others, where the rounding that this makes is more than 1 % of a level's variance; codes that

@@ -30,8 +30,9 @@ struct FlatPatterns {
   /// are good in all.
   void add(const FrameFormat& format, const FrameSet& flat, FlatLevel& level,
            const MatchingDark& dark, const std::vector<bool>& good);
-  /// Why PRNU is not known: which channels have no bright level.
-  std::string response_missing(const FrameFormat& format) const;
+  /// Why PRNU is not known: which channels have no bright level, and why bright ones do not count
+  /// (refused; empty: there are none).
+  std::string response_missing(const FrameFormat& format, const std::string& refused) const;
 };
 
 }  // namespace malus

@@ -31,9 +31,11 @@ class LightProfile {
   /// variance_dn2: temporal, mean over the channels: what of the bands' scatter is that of their
   /// pixels. alignment: how the variance's frames were brought to one mean; the bands are brought
   /// to it alike. Dim frames are not scaled: their light is lost in its own error, and scaled by it
-  /// the noise of constant light was told to change by thousands of per cent. All 0 from fewer than
-  /// two frames, and of scaled frames without light.
-  LightChange change(double variance_dn2, FrameAlignment alignment) const;
+  /// the noise of constant light was told to change by thousands of per cent. relative_light: a
+  /// lamp's flicker (Flicker), of which the bands of frames that are not scaled have their shares;
+  /// empty: none. All 0 from fewer than two frames, and of scaled frames without light.
+  LightChange change(double variance_dn2, FrameAlignment alignment,
+                     const std::vector<double>& relative_light = {}) const;
 
  private:
   struct Bands {
@@ -41,11 +43,13 @@ class LightProfile {
     std::vector<std::vector<double>> sums_dn;  ///< [frame][band], of the light of their pixels
   };
   /// Variance from frame to frame of one band's mean light, once frames have one mean.
-  double band_variance_dn2(const Bands& bands, std::size_t band, FrameAlignment alignment) const;
+  double band_variance_dn2(const Bands& bands, std::size_t band, FrameAlignment alignment,
+                           const std::vector<double>& relative_light) const;
   bool is_lit(const Bands& bands, std::size_t band) const;
   /// lit: bands that count, added up.
   double excess_dn2(const Bands& bands, double variance_dn2, FrameAlignment alignment,
-                    double& standard_error_dn2, int& lit) const;
+                    const std::vector<double>& relative_light, double& standard_error_dn2,
+                    int& lit) const;
   double all_pixels() const { return static_cast<double>(geometry_.rows()) * geometry_.cols(); }
   const MosaicGeometry geometry_;
   std::vector<double> dark_dn_;

@@ -32,6 +32,10 @@ struct MatchingDark {
   /// Per channel: a pixel whose shading is above is a defect, which stands out of the others
   /// without light, or lies beyond half of the range.
   std::vector<double> defect_above_dn;
+  /// Pixels that lie eight deviations or half of the range off the others without light, and six
+  /// steps at least: hot, or stuck at a code. Line by line. What scaling a frame to a lamp's mean
+  /// makes of them is no noise.
+  PixelPlaces defects;
 
   /// Mean dark frame minus its channels' level.
   View<const float> shading_dn() const {

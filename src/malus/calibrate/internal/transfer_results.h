@@ -6,9 +6,13 @@
 #include "malus/image/layout.h"
 #include "malus/noise/calibration.h"
 
+#include <string>
 #include <vector>
 
 namespace malus {
+
+/// The reason against the most of these levels, "3 of 4: one frame has ..."; empty where all count.
+std::string most_frequent_reason(const std::vector<TransferLevel>& levels);
 
 /// One channel's levels into transfer of `out`. fit: of these levels.
 void append_transfer(int channel, const Estimate<TransferFit>& fit,
