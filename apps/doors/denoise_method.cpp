@@ -1,6 +1,7 @@
 #include "denoise_method.h"
 
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/denoise/frame_complaints.h"
 
@@ -28,6 +29,13 @@ void require_method(const std::string& name) {
                          : "give a network's weight file (weights.safetensors of a training)");
   }
   denoise_method(name, ", and networks' weight files (.safetensors)");
+}
+
+std::string baseline_names() {
+  std::vector<std::string> names;
+  for (const DenoiseMethod& method : denoise_methods())
+    if (!method.on_mosaic()) names.push_back(method.name);
+  return joined(names);
 }
 
 std::vector<std::string> picture_complaints(const NetworkInference::Rendered& made) {
@@ -87,6 +95,15 @@ void FrameDenoiser::require_used(const std::vector<std::string>& inference_setti
                        fmt::format("{} is no network and does not look at it", settings_.method),
                        "leave it out, or name a network's weight file with " + setting("method"));
   }
+}
+
+void FrameDenoiser::require_used_of_filter(const std::vector<std::string>& denoise_settings) const {
+  if (network_ || denoise_method(settings_.method).on_mosaic()) return;
+  for (const std::string& name : denoise_settings)
+    if (name == "row_noise" || name == "column_noise" || name == "like_pixels")
+      throw InputError(setting_name(name),
+                       fmt::format("{} is a baseline and does not look at it", settings_.method),
+                       "leave it out, or use nl-ridge or bm3d");
 }
 
 NetworkInference::Rendered FrameDenoiser::render(RawFrame frame, const NoiseProfile& profile,

@@ -20,6 +20,9 @@ bool is_weight_file(const std::string& method);
 /// Throws InputError unless name is a classical method's or ends like a weight file's.
 void require_method(const std::string& name);
 
+/// "paper-bm3d, plane-bm3d, ...": the methods that are baselines.
+std::string baseline_names();
+
 /// What a picture that a network made tells against its frame, lines without the frame's name.
 std::vector<std::string> picture_complaints(const NetworkInference::Rendered& made);
 
@@ -42,6 +45,8 @@ class FrameDenoiser {
   /// Throws InputError for a setting of InferenceSettings that was given and that the method would
   /// not look at.
   void require_used(const std::vector<std::string>& inference_settings) const;
+  /// The same of a baseline and DenoiseSettings.
+  void require_used_of_filter(const std::vector<std::string>& denoise_settings) const;
   /// That another precision is taken than the one that was asked for; empty where it is not so.
   const std::string& precision_complaint() const { return precision_complaint_; }
   /// Of a network that gives pictures (malus/neural/inference.h).

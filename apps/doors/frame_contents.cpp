@@ -115,6 +115,13 @@ std::vector<float> take_as_light(RawFrame& frame) {
   return saturated_dn;
 }
 
+std::string unknown_layout_complaint(const RawFrame& frame) {
+  if (frame.layout_known) return {};
+  return fmt::format(
+      "layout not known, taken as {}; a colour or polarization mosaic needs its own ({})",
+      frame.layout.name(), setting("layout"));
+}
+
 std::string unknown_black_complaint(const RawFrame& frame) {
   if (frame.black_known) return {};
   return fmt::format("black level not known, taken as 0{} ({})",
@@ -124,10 +131,7 @@ std::string unknown_black_complaint(const RawFrame& frame) {
 
 std::vector<std::string> guess_complaints(const RawFrame& frame) {
   std::vector<std::string> complaints;
-  if (!frame.layout_known)
-    complaints.push_back(fmt::format(
-        "layout not known, taken as {}; a colour or polarization mosaic needs its own ({})",
-        frame.layout.name(), setting("layout")));
+  complaints.push_back(unknown_layout_complaint(frame));
   complaints.push_back(layout_complaint(frame.layout, check_layout(frame.dn)));
   complaints.push_back(level_complaint(frame));
   complaints.push_back(declaration_note(frame));
@@ -143,6 +147,7 @@ std::vector<std::string> guess_complaints(const RawFrame& frame) {
 
 std::vector<std::string> mean_complaints(const RawFrame& mean) {
   std::vector<std::string> complaints;
+  if (!mean.layout_known) complaints.push_back(unknown_layout_complaint(mean));
   if (mean.holds_codes() && !mean.black_known)
     complaints.push_back(
         fmt::format("black level not known; give {}, or a model later", setting("black")));

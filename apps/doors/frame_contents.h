@@ -42,6 +42,11 @@ StatedLevels levels_for_frame(const RawFrame& told, const std::string& holds,
 /// bias are no longer in it.
 void require_raw(const std::string& source, const std::string& holds, const std::string& remedy);
 
+/// What a frame that says so is told where a filter takes its noise from itself.
+inline constexpr const char* kDenoisedAgain =
+    "says that it is denoised: what is left of its noise is not what is estimated; denoise the raw "
+    "frame";
+
 /// How many pixels are no numbers. Throws InputError naming the source where all are such.
 std::int64_t nonfinite_pixels(View<const float> dn, const std::string& source);
 /// The same and what comes of them, as a warning; empty where all are numbers. Throws as above.
@@ -67,6 +72,8 @@ std::vector<float> take_as_light(RawFrame& frame);
 /// What a frame above black was taken for without anybody having stated it, layout, black and white
 /// level, and where its pixels or its file contradict the layout: warnings without its name.
 std::vector<std::string> guess_complaints(const RawFrame& frame);
+/// The one of the layout; empty where it is known.
+std::string unknown_layout_complaint(const RawFrame& frame);
 /// The one of the black level, which matters to comparisons as well; empty where it is known.
 std::string unknown_black_complaint(const RawFrame& frame);
 

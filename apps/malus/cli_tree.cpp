@@ -1,5 +1,9 @@
 #include "cli_tree.h"
 
+#include "malus/denoise/denoiser.h"
+#include "malus/image/layout.h"
+#include "malus/noise/builtin_models.h"
+
 #include <algorithm>
 
 namespace malus::app {
@@ -18,6 +22,19 @@ std::vector<std::string> choices_in(const std::string& type) {
   return choices;
 }
 
+// Names of values that no list checks: files may stand in their place.
+void add_offers(CliOption& option) {
+  if (!option.choices.empty()) return;
+  for (const std::string& name : option.names) {
+    if (name == "--layout") option.offers = SensorLayout::known_names();
+    if (name == "--model" || name == "MODEL") option.offers = builtin_model_names();
+    if (name == "--method" || name == "--methods")
+      for (const DenoiseMethod& method : denoise_methods()) option.offers.push_back(method.name);
+    option.or_files = !option.offers.empty() && name != "--layout";
+    if (!option.offers.empty()) return;
+  }
+}
+
 CliOption described_option(const CLI::Option& option) {
   CliOption out;
   const std::string type = option.get_type_name();
@@ -31,6 +48,7 @@ CliOption described_option(const CLI::Option& option) {
   for (const auto& name : option.get_snames()) out.names.push_back("-" + name);
   for (const auto& name : option.get_lnames()) out.names.push_back("--" + name);
   if (!option.nonpositional()) out.names = {option.get_single_name()};
+  add_offers(out);
   return out;
 }
 

@@ -13,6 +13,8 @@ struct CliOption {
   std::vector<std::string> names;    ///< "-o", "--output", "--no-row"; of a positional its name
   std::string value;                 ///< "FLOAT", "TEXT"; empty for a switch
   std::vector<std::string> choices;  ///< the allowed values, where they are a list
+  std::vector<std::string> offers;   ///< names that shells complete where there are no choices
+  bool or_files = false;             ///< a file may stand in their place
   std::string help, default_value, group;
   bool required = false, repeats = false;
 };

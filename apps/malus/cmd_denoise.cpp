@@ -134,6 +134,8 @@ class DenoiseRun {
                          arguments_.raw.float_black()));
     opened.choice = choose_profile(opened.frame, model_, arguments_, denoiser_);
     warn_of_guesses(opened.frame);
+    if (!model_ && probe_frame(job.input, headerless_part(options_)).holds == kHoldsDenoised)
+      warn_of(opened.frame.source, kDenoisedAgain);
     // The result does not: beside what is clipped estimates may lie above it.
     const bool white_shows = opened.frame.white_known || clips_at_white(opened.frame);
     Image pixels = std::move(opened.frame.dn);
@@ -226,6 +228,10 @@ class DenoiseRun {
               {"noise", choice.origin},
               {"noise_estimated_from_picture", choice.profile.estimated_from_picture},
               {"frame_noise", noise_json(run.result)}};
+    if (!run.result.noise)
+      json["frame_noise_missing"] = choice.profile.estimated_from_picture
+                                        ? "the noise is the frame's own"
+                                        : "too small, or half of it of one value";
     json.update(settings_json(run.result));
     json["seconds"] = run.seconds;
     if (!arguments_.origin.empty()) json["origin_row_col"] = arguments_.origin;
@@ -262,6 +268,7 @@ void check_usage(const DenoiseArguments& arguments) {
 void require_used(const FrameDenoiser& denoiser, const DenoiseArguments& arguments) {
   const auto require = [&] {
     denoiser.require_used(given_settings<InferenceSettings>(*arguments.command));
+    denoiser.require_used_of_filter(given_settings<DenoiseSettings>(*arguments.command));
   };
   if (is_weight_file(arguments.settings.method))
     require();
@@ -378,7 +385,8 @@ void add_denoise(CLI::App& app, Common& common) {
   command->get_option("--dark")->excludes(model);
   add_flags(*command, arguments->settings);
   command->get_option("--method")
-      ->description("nl-ridge (the default), bm3d, a baseline, or a network's file")
+      ->description(fmt::format("nl-ridge (the default), bm3d, a network's file, or a baseline: {}",
+                                baseline_names()))
       ->check(accepted_by(require_method));
   add_flags(*command, arguments->inference);
 }

@@ -203,7 +203,8 @@ void add_renoise(CLI::App& app, Common& common) {
   command
       ->add_option("--first-frame", arguments->first_frame,
                    "number of the first frame; seed and number decide the noise")
-      ->check(frame_number());
+      ->check(frame_number())
+      ->capture_default_str();
   command->add_flag("--float", arguments->as_float, "write DN above black, unrounded");
   command->add_option("--format", arguments->format, "ending of the results")
       ->check(one_of(renoised_formats()))

@@ -204,7 +204,8 @@ void add_simulate(CLI::App& app, Common& common) {
       ->check(one_of(picture_tones()))
       ->capture_default_str();
   command->add_option("--first-scene", arguments->first_scene, "number of the first scene")
-      ->check(frame_number());
+      ->check(frame_number())
+      ->capture_default_str();
   command->add_option("--format", arguments->format, "ending of the mosaics")
       ->check(one_of(mosaic_formats()))
       ->capture_default_str();

@@ -310,9 +310,9 @@ void add_synthesize(CLI::App& app, Common& common) {
   command->add_option("-o,--output", arguments->folder, "folder of the results")->required();
   auto* gain = command->add_option("--gain", arguments->gain,
                                    "camera gain [dB], or random: uniform in log K over the "
-                                   "calibrated range (gaussian, nonparametric: in dB over their "
-                                   "own gains; of dark frames: one that has them), anew for every "
-                                   "frame");
+                                   "calibrated range (gaussian and nonparametric: uniform in dB "
+                                   "between their calibrated gains; dark-frames: one of the gains "
+                                   "that have dark frames), anew for every frame");
   command->add_option("--iso", arguments->iso, "camera gain as ISO")
       ->check(positive_number())
       ->excludes(gain);

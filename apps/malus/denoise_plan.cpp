@@ -64,7 +64,7 @@ void check_result_flags(const DenoiseArguments& arguments, NetworkTarget target)
       if (given)
         throw InputError(flag, "the network gives pictures, not denoised mosaics", "leave it out");
   if (arguments.format == "png" && target != NetworkTarget::kSrgb)
-    throw InputError("--format png", "holds no float values", "use tif or exr");
+    throw InputError("--format png", "holds no float values", "use tif, exr, npy or fits");
 }
 
 std::vector<OutputNames> plan_denoised_files(const DenoiseArguments& arguments,

@@ -32,8 +32,13 @@ std::string replaced(std::string text, const std::string& from, const std::strin
 // What stands between single quotes.
 std::string in_single_quotes(const std::string& text) { return replaced(text, "'", "'\\''"); }
 
-bool offers_fixed_words(const CliCommand& command) {
-  return !command.positionals.empty() && !command.positionals[0].choices.empty();
+// An option's values by name.
+const std::vector<std::string>& words_of(const CliOption& option) {
+  return option.choices.empty() ? option.offers : option.choices;
+}
+
+bool offers_words(const CliCommand& command) {
+  return !command.positionals.empty() && !words_of(command.positionals[0]).empty();
 }
 
 }  // namespace
@@ -46,13 +51,13 @@ std::string bash_completion(const CliCommand& program) {
     const std::string path = words_after_program(command);
     std::vector<std::string> names, flags;
     for (const auto& sub : command.commands) names.push_back(last_word(sub));
-    if (offers_fixed_words(command)) names = command.positionals[0].choices;
+    if (offers_words(command)) names = words_of(command.positionals[0]);
     for (const auto& option : command.options) {
       flags.insert(flags.end(), option.names.begin(), option.names.end());
       for (const auto& name : option.names)
         if (!option.value.empty())
-          values += fmt::format("    '{} {}') values='{}' flag_takes_value=1 ;;\n", path, name,
-                                words(option.choices));
+          values += fmt::format("    '{} {}') values='{}' flag_takes_value=1{} ;;\n", path, name,
+                                words(words_of(option)), option.or_files ? " or_files=1" : "");
     }
     if (!path.empty()) paths += fmt::format("      '{}') path='{}' ;;\n", path, path);
     offers +=
@@ -61,7 +66,7 @@ std::string bash_completion(const CliCommand& program) {
   return fmt::format(R"(# bash completion for malus, made by malus manual
 _malus() {{
   local current="${{COMP_WORDS[COMP_CWORD]}}" previous="${{COMP_WORDS[COMP_CWORD-1]}}"
-  local path='' word commands='' flags='' values='' flag_takes_value='' i
+  local path='' word commands='' flags='' values='' flag_takes_value='' or_files='' i
   for ((i = 1; i < COMP_CWORD; i++)); do
     word="${{path:+$path }}${{COMP_WORDS[i]}}"
     case "$word" in
@@ -73,6 +78,10 @@ _malus() {{
 {}  esac
   if [ -n "$flag_takes_value" ]; then
     COMPREPLY=($(compgen -W "$values" -- "$current"))
+    if [ -n "$or_files" ]; then
+      compopt -o filenames 2> /dev/null
+      while IFS= read -r word; do COMPREPLY+=("$word"); done < <(compgen -f -- "$current")
+    fi
   elif [ "${{current:0:1}}" = - ]; then
     COMPREPLY=($(compgen -W "$flags" -- "$current"))
   else
@@ -100,11 +109,17 @@ std::string zsh_function(const CliCommand& command) {
   return "_" + replaced(replaced(command.name, " ", "_"), "-", "_");
 }
 
+// What completes a value that has names.
+std::string zsh_words(const CliOption& option) {
+  const std::string list = in_single_quotes(words(words_of(option)));
+  return option.or_files ? "{_malus_names_or_files " + list + "}" : "(" + list + ")";
+}
+
 std::string zsh_option(const CliOption& option) {
   std::string value, text;
   if (!option.value.empty())
-    value = option.choices.empty() ? ":" + zsh_escaped(option.value) + ":_files"
-                                   : ":value:(" + in_single_quotes(words(option.choices)) + ")";
+    value = words_of(option).empty() ? ":" + zsh_escaped(option.value) + ":_files"
+                                     : ":value:" + zsh_words(option);
   for (const auto& name : option.names)
     text += fmt::format("    '{}{}[{}]{}' \\\n", option.repeats ? "*" : "", name,
                         zsh_escaped(option.help), value);
@@ -113,9 +128,8 @@ std::string zsh_option(const CliOption& option) {
 
 // What follows a command's flags: files, fixed words or its commands.
 std::string zsh_arguments(const CliCommand& command) {
-  if (offers_fixed_words(command))
-    return fmt::format("    ':value:({})'\n",
-                       in_single_quotes(words(command.positionals[0].choices)));
+  if (offers_words(command))
+    return fmt::format("    ':value:{}'\n", zsh_words(command.positionals[0]));
   if (command.commands.empty()) return "    '*:file:_files'\n";
   std::string text =
       "    '1: :->command' '*:: :->rest'\n  case $state in\n    command)\n      commands=(\n";
@@ -131,6 +145,8 @@ std::string zsh_arguments(const CliCommand& command) {
 
 std::string zsh_completion(const CliCommand& program) {
   std::string text = "#compdef malus\n# zsh completion for malus, made by malus manual\n";
+  text +=
+      "\n_malus_names_or_files() {\n  _alternative \"names:name:($*)\" 'files:file:_files'\n}\n";
   for_each_command(program, [&](const CliCommand& command) {
     text += fmt::format("\n{}() {{\n  local state line\n", zsh_function(command));
     text += "  local -a commands\n  _arguments -C \\\n";
@@ -163,15 +179,15 @@ std::string fish_completion(const CliCommand& program) {
     for (const auto& sub : command.commands)
       text += fmt::format("complete -c malus -f -n '{}' -a {} -d '{}'\n", none_yet, last_word(sub),
                           text_of(sub.help));
-    if (offers_fixed_words(command))
+    if (offers_words(command))
       text += fmt::format("complete -c malus -n '{}' -a '{}'\n", here,
-                          words(command.positionals[0].choices));
+                          words(words_of(command.positionals[0])));
     for (const auto& option : command.options) {
       std::string line = fmt::format("complete -c malus -n '{}'", here);
       for (const auto& name : option.names)
         line += name[1] == '-' ? " -l " + name.substr(2) : " -s " + name.substr(1);
-      if (!option.choices.empty())
-        line += fmt::format(" -x -a '{}'", words(option.choices));
+      if (!words_of(option).empty())
+        line += fmt::format(" {} -a '{}'", option.or_files ? "-r" : "-x", words(words_of(option)));
       else if (!option.value.empty())
         line += " -r";
       text += fmt::format("{} -d '{}'\n", line, text_of(option.help));

@@ -110,8 +110,10 @@ def wrong_type(argument, value, kind):
     return f"{argument} is {shown(value)}; give {wanted(kind)}"
 
 
-def too_large(argument, value, name):
-    return f"{argument} is {shown(value)}, outside what {name} counts with; give 0 or more, of 32 bits, or 64 for a seed"
+def too_large(argument, value):
+    text = repr(value)
+    bits = {"seed": 64, "frame": 32, "scene": 32}.get(argument, 31)
+    return f"{argument} is {text if len(text) < 60 else text[:57] + '...'}; give 0 to 2^{bits} - 1"
 
 
 def unknown_keyword(argument, name, known):
@@ -121,7 +123,7 @@ def unknown_keyword(argument, name, known):
 
 def refused(argument, value, kind):
     """The line on a setting, one of a function's **kwargs."""
-    return too_large(argument, value, "malus") if fits(value, kind) and is_large(value, kind) else wrong_type(argument, value, kind)
+    return too_large(argument, value) if fits(value, kind) and is_large(value, kind) else wrong_type(argument, value, kind)
 
 
 def signature_of(text):
@@ -175,5 +177,5 @@ def complaint(name, parts, args, kwargs):
             return wrong_type(argument, given[argument], kind)
     for argument, kind in kinds.items():
         if argument in given and is_large(given[argument], kind):
-            return too_large(argument, given[argument], name)
+            return too_large(argument, given[argument])
     return None

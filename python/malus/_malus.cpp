@@ -52,6 +52,7 @@ PYBIND11_MODULE(_malus, m) {
   bind_calibrate(m);
   bind_denoise(m);
   bind_polarization(m);
+  bind_mosaics(m);
   bind_synthesis(m);
   bind_evaluate(m);
   m.def("layouts", &SensorLayout::known_names, "Names of the mosaic layouts.");

@@ -101,9 +101,9 @@ class FrameSet:
 
 class Noise:
     @overload
-    def synthesize(self, clean: Arrays, seed: int = 0, frame: int = 0, out: None = None, *, row0: int = 0, col0: int = 0) -> Floats: ...
+    def synthesize(self, clean: Arrays, seed: int = 0, frame: int = 0, out: None = None, *, row0: int = 0, col0: int = 0, black: Levels | None = None, rounded: bool = False) -> Floats: ...
     @overload
-    def synthesize(self, clean: Arrays, seed: int = 0, frame: int = 0, *, out: Out, row0: int = 0, col0: int = 0) -> Out: ...
+    def synthesize(self, clean: Arrays, seed: int = 0, frame: int = 0, *, out: Out, row0: int = 0, col0: int = 0, black: Levels | None = None, rounded: bool = False) -> Out: ...
 
 class Model:
     def __init__(self, path: str | PathLike[str]) -> None: ...
@@ -135,6 +135,8 @@ class Model:
         *,
         row0: int = 0,
         col0: int = 0,
+        black: Levels | None = None,
+        rounded: bool = False,
         kind: str = "physics",
         parameters: str = "sampled",
         ratio: float = 1.0,
@@ -159,6 +161,8 @@ class Model:
         out: Out,
         row0: int = 0,
         col0: int = 0,
+        black: Levels | None = None,
+        rounded: bool = False,
         kind: str = "physics",
         parameters: str = "sampled",
         ratio: float = 1.0,
@@ -269,6 +273,7 @@ def stokes(
     gain: float | None = None,
     extrapolate_gain: bool = False,
     fixed_pattern: bool = True,
+    black: Levels | None = None,
 ) -> dict[str, Floats]: ...
 def normals(
     dn_above_black: Frame | Arrays,
@@ -276,13 +281,14 @@ def normals(
     *,
     mask: Arrays | None = None,
     demosaick: str | None = None,
+    black: Levels | None = None,
     index: float = 1.5,
     model: str = "diffuse",
     azimuth: str = "convex",
     above_brewster: bool = False,
     foreground: float = 0.05,
 ) -> Floats: ...
-def check_layout(dn_above_black: Arrays) -> dict[str, Any]: ...
+def check_layout(dn_above_black: Arrays, *, black: Levels | None = None) -> dict[str, Any]: ...
 def simulate(
     picture: Arrays | str | PathLike[str],
     layout: str = "polar-bayer-rggb",

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "frame_contents.h"
 
@@ -52,6 +53,11 @@ void require_raw(const py::object& given, const std::string& remedy) {
     app::require_raw(frame->source, frame->holds, remedy);
 }
 
+bool holds_codes(const py::array& numbers) {
+  const py::dtype type = numbers.dtype();
+  return bits_of_numbers(type.kind(), static_cast<int>(type.itemsize())) > 0;
+}
+
 RawFrame pixels_of(const py::object& array, const char* name) {
   RawFrame frame;
   const py::array numbers = numbers_from(array, name);
@@ -95,6 +101,17 @@ RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfF
   return frame;
 }
 
+Array above_black(const py::object& array, const char* name, const ToldOfFrame& told) {
+  const py::array numbers = numbers_from(array, name);
+  if (!told.black && !holds_codes(numbers)) return input_from(numbers, name);
+  RawFrame frame = frame_of_array(numbers, name, told);
+  if (const auto complaint = app::unknown_black_complaint(frame);
+      !complaint.empty() && frame.holds_codes())
+    give_warning(frame.source + ": " + complaint);
+  subtract_black(frame);
+  return array_of(std::move(frame.dn)).cast<Array>();
+}
+
 RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseModel* model) {
   RawFrame frame;
   ToldOfFrame taken = told;
@@ -103,11 +120,11 @@ RawFrame frame_from(const py::object& raw, const ToldOfFrame& told, const NoiseM
     frame = *held;
     taken = believed(told, *held);
   } else {
+    numbers = numbers_from(raw, "raw");
     if (!(told.layout || model) || !(told.white || (model && model->white_dn > 0)))
       throw InputError(
           "array", "does not know its layout and white level",
           "give layout= and white= (and black=), a model= that tells them, or a Frame");
-    numbers = numbers_from(raw, "raw");
     frame = pixels_of(*numbers, "raw");
     if (model && !told.layout) {
       frame.layout = model->layout;

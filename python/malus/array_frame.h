@@ -30,6 +30,9 @@ struct ToldOfFrame {
   std::optional<double> white;
 };
 
+/// Whether an array's elements are whole numbers: codes, black level included, as those of a file.
+bool holds_codes(const py::array& numbers);
+
 /// The pixels of a mosaic [row, column] with the bits of its element type, which tells, as a file's
 /// does, whether they are the camera's codes. Nothing else is known of it yet. Throws InputError
 /// for whole numbers that are not exact in float, as load_frame.
@@ -47,6 +50,10 @@ CameraSettings settings_given(const std::optional<double>& gain_db,
 /// An array as a frame, whose unknown white is that of its type, as of a file. Throws InputError as
 /// load_frame.
 RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfFrame& told);
+
+/// The pixels of such an array, less its black level: integers hold it, and a warning says where it
+/// is not told and taken as 0; of floats, which are above it, it is subtracted where it is told.
+Array above_black(const py::object& array, const char* name, const ToldOfFrame& told);
 
 /// A Frame, or an array with what an array does not know. What a model tells of its sensor, it
 /// fills in later (take_levels_of_model); null where there is none. A Frame of float pixels that

@@ -132,6 +132,9 @@ py::array numbers_from(const py::object& object, const char* name) {
         "{} is a masked array, whose mask would be lost; give {}.astype(float).filled(nan), or "
         "its data",
         name, name));
+  if (is_path(object))
+    throw py::type_error(fmt::format("{} is {}, a path or a name; load it with malus.load_frame",
+                                     name, py::repr(object).cast<std::string>()));
   py::array array = array_from(object);
   if (held_frame(object))
     throw py::type_error(fmt::format(

@@ -113,6 +113,7 @@ void bind_model(py::module_& m);
 void bind_calibrate(py::module_& m);
 void bind_denoise(py::module_& m);
 void bind_polarization(py::module_& m);
+void bind_mosaics(py::module_& m);
 void bind_synthesis(py::module_& m);
 void bind_evaluate(py::module_& m);
 

@@ -5,6 +5,7 @@
 #include "malus/denoise/frame_complaints.h"
 #include "malus/denoise/frame_profile.h"
 #include "malus/image/black_levels.h"
+#include "malus/io/picture_file.h"
 #include "malus/noise/frame_levels.h"
 #include "malus/noise/sensor_window.h"
 
@@ -146,6 +147,8 @@ py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const 
   if (model) require_raw(raw, "give the raw frame");
   RawFrame frame = frame_from(raw, told_of_frame, model);
   PythonProgress progress;
+  if (const HeldFrame* held = held_frame(raw); held && held->holds == kHoldsDenoised)
+    progress.warn(fmt::format("{}: {}", held->source, app::kDenoisedAgain));
   if (model)
     if (const auto warning = take_levels_of_model(*model, frame, told_of_frame.white.has_value());
         !warning.empty())
@@ -153,6 +156,7 @@ py::dict denoise(const py::object& raw, const ToldOfFrame& told_of_frame, const 
   const std::shared_ptr<SharedDenoiser> shared = denoiser_for(settings, variance);
   const app::FrameDenoiser& denoiser = shared->denoiser;
   denoiser.require_used(given_settings<InferenceSettings>(kwargs));
+  denoiser.require_used_of_filter(given_settings<DenoiseSettings>(kwargs));
   if (variance && denoiser.target() != NetworkTarget::kMosaic)
     throw InputError("variance", "the network gives pictures, not denoised mosaics",
                      "leave it out");

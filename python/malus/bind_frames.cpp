@@ -170,8 +170,8 @@ HeldFrame frame_from_array(const py::object& dn, const std::optional<std::string
 HeldFrame average(const py::list& frames) {
   constexpr std::size_t kLeast = 2;
   if (frames.size() < kLeast || frames.size() > kMostAveraged)
-    throw InputError("frames", fmt::format("are {}", frames.size()),
-                     fmt::format("give {} to {} of a scene", kLeast, kMostAveraged));
+    throw InputError("average", fmt::format("of {}", counted(std::ssize(frames), "frame")),
+                     fmt::format("give {} to {} of one scene", kLeast, kMostAveraged));
   SceneMean mean(static_cast<int>(frames.size()));
   for (const py::handle& given : frames) {
     const auto object = py::reinterpret_borrow<py::object>(given);

@@ -1,11 +1,9 @@
 // Noise models: load, draw, save.
 #include "malus/base/error.h"
-#include "malus/base/frame_numbers.h"
 #include "malus/base/settings_check.h"
 #include "malus/denoise/frame_complaints.h"
 #include "malus/noise/builtin_models.h"
 #include "malus/noise/frame_levels.h"
-#include "malus/synthesize/exact.h"
 #include "malus/synthesize/model.h"
 
 #include <algorithm>
@@ -23,6 +21,7 @@
 #include "json_objects.h"
 #include "model_json.h"
 #include "model_with_sampler.h"
+#include "noise_drawing.h"
 #include "settings.h"
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -31,81 +30,6 @@
 
 namespace malus::python {
 namespace {
-
-struct Place {
-  std::uint64_t seed;
-  std::uint32_t frame;
-  std::int64_t row0, col0;
-};
-
-struct Planes3D {
-  std::vector<py::array> keep_alive;
-  std::vector<View<const float>> clean;
-  std::vector<View<float>> noisy;
-};
-
-// [channel, row, column] as views of its planes.
-Planes3D planes_of(const py::array& clean, const py::array& noisy) {
-  Planes3D planes;
-  for (py::ssize_t k = 0; k < clean.shape(0); ++k) {
-    const auto from = part_of(clean, k).cast<Array>();
-    auto to = part_of(noisy, k);
-    planes.clean.push_back(view_of(from, "clean"));
-    planes.noisy.push_back(writable_view_of(to));
-    planes.keep_alive.push_back(from);
-    planes.keep_alive.push_back(to);
-  }
-  return planes;
-}
-
-LevelCoverage draw_packed(const NoiseAtGain& noise, const py::array& clean, const py::array& noisy,
-                          const Place& place) {
-  const auto planes = planes_of(clean, noisy);
-  const py::gil_scoped_release release;
-  return noise.synthesize_packed(planes.clean, planes.noisy, place.seed, place.frame);
-}
-
-LevelCoverage draw_mosaic(const NoiseAtGain& noise, const Array& clean, py::array& noisy,
-                          const Place& place) {
-  const auto from = view_of(clean, "clean");
-  const auto to = writable_view_of(noisy);
-  const int row0 = require_place("row0", place.row0, from.rows());
-  const int col0 = require_place("col0", place.col0, from.cols());
-  const py::gil_scoped_release release;
-  return noise.synthesize(from, to, place.seed, place.frame, row0, col0);
-}
-
-LevelCoverage draw_batch(const NoiseAtGain& noise, const py::array& clean, const py::array& noisy,
-                         Place place) {
-  require_numbers_left("frame", place.frame, clean.shape(0));
-  LevelCoverage coverage;
-  for (py::ssize_t i = 0; i < clean.shape(0); ++i, ++place.frame)
-    coverage.add(draw_packed(noise, part_of(clean, i), part_of(noisy, i), place));
-  return coverage;
-}
-
-py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, const Place& place,
-                      const py::object& out) {
-  const Array clean = input_from(clean_object, "clean");
-  const auto dimensions = clean.ndim();
-  if (dimensions < 2 || dimensions > 4)
-    throw py::value_error(
-        "clean has to be [row, column] (a mosaic), [channel, row, column] (packed planes) or "
-        "[frame, channel, row, column] (a batch of packed planes)");
-  if (dimensions > 2 && (place.row0 != 0 || place.col0 != 0))
-    throw py::value_error("row0 and col0 place a mosaic; packed planes are whole frames");
-  const std::vector<py::ssize_t> shape(clean.shape(), clean.shape() + dimensions);
-  py::array noisy = out.is_none() ? py::array(py::array_t<float>(shape)) : output_from(out);
-  if (noisy.ndim() != dimensions || !std::equal(shape.begin(), shape.end(), noisy.shape()))
-    throw py::value_error("out has another shape than the clean array");
-  if (!out.is_none()) require_apart_or_same(clean, noisy);
-  const LevelCoverage coverage = dimensions == 2   ? draw_mosaic(noise, clean, noisy, place)
-                                 : dimensions == 3 ? draw_packed(noise, clean, noisy, place)
-                                                   : draw_batch(noise, clean, noisy, place);
-  if (const std::string complaint = coverage.complaint(); !complaint.empty())
-    give_warning(complaint);
-  return out.is_none() ? py::object(noisy) : out;
-}
 
 std::string synthesize_help() {
   return "Noisy version of clean, float32, in the same shape.\n\n"
@@ -123,8 +47,12 @@ std::string synthesize_help() {
          "clean itself,\n"
          "    but not overlap it in part.\n"
          "row0, col0: place of a mosaic's first pixel on the sensor: a crop gets the noise of its "
-         "place.\n\n"
-         "The result is DN above black, not rounded, not clipped.";
+         "place.\n"
+         "black: the level that integers in clean hold, one number or one per channel; 0 where it "
+         "is subtracted already.\n\n"
+         "The result is DN above black, not rounded, not clipped, with the converter's "
+         "quantisation noise: rounding it would\n"
+         "count that twice. rounded=True: the camera's integers, with black, as float32.";
 }
 
 void bind_noise(py::module_& m) {
@@ -134,11 +62,13 @@ void bind_noise(py::module_& m) {
       .def(
           "synthesize",
           [](const NoiseAtGain& noise, const py::object& clean, std::uint64_t seed,
-             std::uint32_t frame, const py::object& out, std::int64_t row0, std::int64_t col0) {
-            return synthesize(noise, clean, {seed, frame, row0, col0}, out);
+             std::uint32_t frame, const py::object& out, std::int64_t row0, std::int64_t col0,
+             const Black& black, bool rounded) {
+            return synthesize(noise, clean, {seed, frame, row0, col0}, {black, rounded}, out);
           },
           py::arg("clean"), py::arg("seed") = 0, py::arg("frame") = 0, py::arg("out") = py::none(),
-          py::kw_only(), py::arg("row0") = 0, py::arg("col0") = 0, synthesize_help().c_str())
+          py::kw_only(), py::arg("row0") = 0, py::arg("col0") = 0, py::arg("black") = py::none(),
+          py::arg("rounded") = false, synthesize_help().c_str())
       .def("__repr__",
            [](const NoiseAtGain& noise) { return fmt::format("<malus.Noise {}>", noise.text()); });
 }
@@ -169,11 +99,13 @@ void add_drawing(ModelClass& model_class) {
           "synthesize",
           [](ModelWithSampler& model, const py::object& clean, const Gain& gain, std::uint64_t seed,
              std::uint32_t frame, const py::object& out, std::int64_t row0, std::int64_t col0,
-             const py::kwargs& kwargs) {
-            return synthesize(noise_of(model, gain, kwargs), clean, {seed, frame, row0, col0}, out);
+             const Black& black, bool rounded, const py::kwargs& kwargs) {
+            return synthesize(noise_of(model, gain, kwargs), clean, {seed, frame, row0, col0},
+                              {black, rounded}, out);
           },
           py::arg("clean"), py::arg("gain") = py::none(), py::arg("seed") = 0, py::arg("frame") = 0,
           py::arg("out") = py::none(), py::kw_only(), py::arg("row0") = 0, py::arg("col0") = 0,
+          py::arg("black") = py::none(), py::arg("rounded") = false,
           (synthesize_help() + settings_help<SynthesisSettings>()).c_str())
       .def(
           "random_gain",

@@ -1,4 +1,4 @@
-// Stokes parameters, normals, and mosaics of them.
+// Stokes parameters and normals.
 #include "malus/base/error.h"
 #include "malus/denoise/frame_profile.h"
 #include "malus/image/pack.h"
@@ -7,12 +7,10 @@
 #include "malus/noise/raw_variance.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/polar/demosaick.h"
-#include "malus/polar/layout_check.h"
 #include "malus/polar/normals.h"
 #include "malus/polar/render.h"
 #include "malus/polar/stokes.h"
 #include "malus/polar/uncertainty.h"
-#include "malus/synthesize/scene.h"
 
 #include <algorithm>
 #include <optional>
@@ -66,12 +64,12 @@ void warn_of_no_light(const std::string& source, std::span<const StokesPlanes> p
     give_warning(source + ": " + complaint);
 }
 
-// An array in DN above black, or a Frame, which knows its black level and its layout.
-Light light_of(const py::object& given, const std::optional<std::string>& layout) {
+// An array, or a Frame, which knows its black level and its layout.
+Light light_of(const py::object& given, const std::optional<std::string>& layout,
+               const Black& black) {
   Light light;
-  if (const HeldFrame* held = held_frame(given)) {
-    RawFrame frame = *held;
-    take_told({layout, {}, {}}, frame);
+  if (held_frame(given)) {
+    RawFrame frame = frame_from(given, {layout, black, {}}, nullptr);
     const std::vector<float> saturated_dn = app::take_as_light(frame);
     require_polarized(frame.layout, frame.source);
     warn_of_guesses(frame);
@@ -79,7 +77,7 @@ Light light_of(const py::object& given, const std::optional<std::string>& layout
     light = {array_of(std::move(frame.dn)).cast<Array>(), frame.layout, frame.source, saturated};
   } else {
     if (!layout) throw InputError("layout", "is not told by an array", "name it, or give a Frame");
-    light.dn = input_from(given, kLight);
+    light.dn = above_black(given, kLight, {layout, black, {}});
     light.layout = SensorLayout::named(*layout);
   }
   require_polarized(light.layout, light.source);
@@ -167,20 +165,19 @@ struct RawLight {
 };
 
 // A raw frame as light, with the levels that it does not know from the model.
-RawLight raw_light_of(const py::object& given, const std::optional<std::string>& layout,
-                      const NoiseModel& model) {
+RawLight raw_light_of(const py::object& given, const ToldOfFrame& told, const NoiseModel& model) {
   RawLight light;
   RawFrame& frame = light.frame;
-  if (const HeldFrame* held = held_frame(given)) {
-    frame = *held;
-    take_told({layout, {}, {}}, frame);
+  // As denoise takes them: integers hold the model's black level, floats one that is told.
+  if (held_frame(given) || told.black || holds_codes(numbers_from(given, kLight))) {
+    frame = frame_from(given, told, &model);
     if (const auto warning = take_levels_of_model(model, frame); !warning.empty())
       give_warning(frame.source + ": " + warning);
     light.saturated_dn = app::take_as_light(frame);
     warn_of_guesses(frame);
   } else {
     frame = pixels_of(given, kLight);
-    frame.layout = layout ? SensorLayout::named(*layout) : model.layout;
+    frame.layout = told.layout ? SensorLayout::named(*told.layout) : model.layout;
     // Above black as its argument's name says: which pixels are saturated the model tells.
     frame.black_dn = model.black_dn;
     frame.white_dn = model.white_dn;
@@ -197,11 +194,10 @@ RawLight raw_light_of(const py::object& given, const std::optional<std::string>&
 }
 
 // Of raw pixels, whose noise a model tells: its bias is taken out.
-py::dict stokes_by_model(const py::object& given, const std::optional<std::string>& layout_name,
-                         const Model& model, const Gain& gain_given, bool extrapolate,
-                         bool fixed_pattern) {
+py::dict stokes_by_model(const py::object& given, const ToldOfFrame& told, const Model& model,
+                         const Gain& gain_given, bool extrapolate, bool fixed_pattern) {
   require_raw(given, "give variance= with what denoise(variance=True) returned, or the raw frame");
-  RawLight light = raw_light_of(given, layout_name, model.description());
+  RawLight light = raw_light_of(given, told, model.description());
   RawFrame& frame = light.frame;
   warn_of_lost_light(frame.dn, frame.source);
   const SensorLayout& layout = frame.layout;
@@ -232,7 +228,7 @@ py::dict stokes(const py::object& dn_above_black, const std::optional<std::strin
                 const std::optional<std::string>& demosaick_name,
                 const std::optional<py::object>& variance, bool denoised,
                 const py::object& given_model, const Gain& gain, bool extrapolate_gain,
-                bool fixed_pattern) {
+                bool fixed_pattern, const Black& black) {
   const Method method = method_named(demosaick_name);
   const std::optional<Model> model = model_from(given_model);
   if (method && (variance || model))
@@ -244,9 +240,9 @@ py::dict stokes(const py::object& dn_above_black, const std::optional<std::strin
   require_model_for("extrapolate_gain", extrapolate_gain, model);
   require_model_for("fixed_pattern", !fixed_pattern, model);
   if (model)
-    return stokes_by_model(dn_above_black, layout_name, *model, gain, extrapolate_gain,
+    return stokes_by_model(dn_above_black, {layout_name, black, {}}, *model, gain, extrapolate_gain,
                            fixed_pattern);
-  Light light = light_of(dn_above_black, layout_name);
+  Light light = light_of(dn_above_black, layout_name, black);
   const auto view = light.view();
   warn_of_lost_light(view, light.source);
   std::optional<StokesPicture> picture;
@@ -274,9 +270,10 @@ Image mask_from(const py::object& given, const Image& s0) {
 
 py::object normals(const py::object& dn_above_black, const std::optional<std::string>& layout_name,
                    const std::optional<py::object>& mask,
-                   const std::optional<std::string>& demosaick_name, const py::kwargs& kwargs) {
+                   const std::optional<std::string>& demosaick_name, const Black& black,
+                   const py::kwargs& kwargs) {
   const auto settings = settings_from<NormalSettings>(kwargs);
-  const Light light = light_of(dn_above_black, layout_name);
+  const Light light = light_of(dn_above_black, layout_name, black);
   warn_of_saturation(light.source, light.saturated);
   const SensorLayout& layout = light.layout;
   const auto view = light.view();
@@ -300,46 +297,6 @@ py::object normals(const py::object& dn_above_black, const std::optional<std::st
                  [&](Image NormalMap::*axis) { return map.*axis; });
 }
 
-py::array mosaic_from_stokes(const py::object& s0, const py::object& s1, const py::object& s2,
-                             const std::string& layout_name) {
-  const auto layout = SensorLayout::named(layout_name);
-  auto planes = images_of(s0, "s0", "colour"), second = images_of(s1, "s1", "colour"),
-       third = images_of(s2, "s2", "colour");
-  if (planes.size() != 1 && planes.size() != 3)
-    throw InputError("s0", fmt::format("has {} colours", planes.size()),
-                     "give one, or red, green and blue");
-  std::vector<StokesPlanes> stokes;
-  for (std::size_t i = 0; i < planes.size(); ++i) {
-    const auto same_size = [&](const std::vector<Image>& others) {
-      return others.size() == planes.size() && others[i].rows() == planes[i].rows() &&
-             others[i].cols() == planes[i].cols();
-    };
-    if (!same_size(second) || !same_size(third))
-      throw py::value_error("s0, s1 and s2 have to be of one shape");
-    stokes.push_back({std::move(planes[i]), std::move(second[i]), std::move(third[i])});
-  }
-  std::optional<Image> mosaic;
-  {
-    const py::gil_scoped_release release;
-    mosaic = mosaic_of(stokes, layout);
-  }
-  return array_of(std::move(*mosaic));
-}
-
-py::dict layout_check(const py::object& dn_above_black) {
-  const Array mosaic = input_from(dn_above_black, kLight);
-  const auto view = view_of(mosaic, kLight);
-  LayoutCheck check;
-  {
-    const py::gil_scoped_release release;
-    check = check_layout(view);
-  }
-  using namespace py::literals;
-  return py::dict("diagonal"_a = check.diagonal, "row"_a = check.row, "column"_a = check.column,
-                  "winner"_a = std::string(pairing_name(check.winner())),
-                  "margin"_a = check.margin(), "decided"_a = check.decided());
-}
-
 }  // namespace
 
 void bind_polarization(py::module_& m) {
@@ -348,11 +305,14 @@ void bind_polarization(py::module_& m) {
       py::arg("demosaick") = py::none(), py::arg("variance") = py::none(),
       py::arg("denoised") = true, py::arg("model") = py::none(), py::arg("gain") = py::none(),
       py::arg("extrapolate_gain") = false, py::arg("fixed_pattern") = true,
+      py::arg("black") = py::none(),
       "Stokes parameters of a raw mosaic [row, column] in DN above black, or of a Frame: dict of "
       "s0, s1, s2 [DN], dolp [1], aolp_deg [deg, 0 to 180], each float32 [colour, row, column], at "
       "one "
       "value per cell of the layout; with demosaick=\"residual\" (or \"bilinear\") at one per "
       "pixel.\n\n"
+      "black: the level that integers hold, and floats and Frames where it is given: one number, "
+      "or one per channel. Not given, that of the Frame, or of integers the model's.\n\n"
       "variance: of every pixel of the mosaic [DN^2], as denoise(variance=True) gives it: adds "
       "the standard deviations s0_sd, s1_sd, s2_sd [DN], dolp_sd, aolp_sd_deg, and "
       "dolp_corrected. denoised=False: the mosaic is raw, its pixels' noise independent; what its "
@@ -362,24 +322,16 @@ void bind_polarization(py::module_& m) {
       "PRNU and DSNU are part of the errors; fixed_pattern=False: the frame was flat-fielded.");
   m.def("normals", &normals, py::arg("dn_above_black"), py::arg("layout") = py::none(),
         py::kw_only(), py::arg("mask") = py::none(), py::arg("demosaick") = py::none(),
+        py::arg("black") = py::none(),
         ("Surface normals from the polarization of a raw mosaic [row, column] in DN above black, "
          "or of a Frame: float32 [3, row, column], unit vectors x right, y up, z towards the "
          "camera; NaN outside "
          "the object. One per cell of the layout; with demosaick=\"residual\" (or \"bilinear\") "
          "one per pixel.\n\n"
-         "mask: of the normals' size, above 0 where the object is; None: bright pixels." +
+         "mask: of the normals' size, above 0 where the object is; None: bright pixels. black: as "
+         "stokes takes it." +
          settings_help<NormalSettings>())
             .c_str());
-  m.def("mosaic", &mosaic_from_stokes, py::arg("s0"), py::arg("s1"), py::arg("s2"),
-        py::arg("layout"),
-        "What a sensor's pixels see of Stokes parameters, without noise: the mosaic [row, column], "
-        "float32, in the unit of s0. Each [colour, row, column] at one value per pixel, as "
-        "stokes(demosaick=...) gives them: red, green and blue, or one.");
-  m.def("check_layout", &layout_check, py::arg("dn_above_black"),
-        "Which pixels of a polarization mosaic [row, column] in DN above black hold crossed "
-        "polarizers, by Malus's law (as `malus info` tells): dict of the mismatch of the pairings "
-        "diagonal, row and column [1], the winner (of the least), its margin, and whether they "
-        "decide: an unpolarized scene does not.");
 }
 
 }  // namespace malus::python

@@ -196,6 +196,21 @@ TEST(CompareNoise, WholeNumbersGetWholeNumberBins) {
   EXPECT_LT(result.pooled.sqrt_jsd, 1.5 * result.pooled.sqrt_jsd_floor);
 }
 
+// A camera's codes and the same noise before it was rounded: counted in whole steps with edges
+// midway between the codes they are equal, however narrow they are.
+TEST(CompareNoise, CodesAndUnroundedNoiseAreCompared) {
+  const Image dark = ramp(true);
+  for (const double sd : {0.6, 3.0}) {
+    const NoiseFrames codes = frames_of(dark, {.sd = sd, .rounded = true}, 4, 1),
+                      floats = frames_of(dark, {.sd = sd}, 4, 2);
+    for (const bool turned : {false, true}) {
+      const auto result = compare_noise(turned ? floats : codes, turned ? codes : floats,
+                                        std::nullopt, SensorLayout::named("mono"), {});
+      EXPECT_LT(result.pooled.sqrt_jsd, 2 * result.pooled.sqrt_jsd_floor) << sd << turned;
+    }
+  }
+}
+
 // White rows have the variance of a row's mean in every band; a first-order autoregressive series
 // has the spectrum (1 - a²) / |1 - a exp(-iw)|². Six frequencies of 96 rows a band and 60 frames: 5
 // % standard error; four of them, and the bands' own curvature.

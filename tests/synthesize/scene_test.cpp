@@ -201,5 +201,17 @@ TEST(Mosaic, SitesSeeMalussLaw) {
   EXPECT_FLOAT_EQ(bayer(1, 1), 300.0f);
 }
 
+TEST(Mosaic, SitesWithoutAColourFilterSeeAllColours) {
+  std::vector<StokesPlanes> stokes(3);
+  for (int k = 0; k < 3; ++k)
+    stokes[static_cast<std::size_t>(k)] = {Image(4, 4, k == 0 ? 300.0f : 0.0f),
+                                           Image(4, 4, k == 0 ? 30.0f : 0.0f), Image(4, 4)};
+  const Image mono = mosaic_of(stokes, SensorLayout::named("mono"));
+  EXPECT_FLOAT_EQ(mono(1, 1), 100.0f);
+  const Image polar = mosaic_of(stokes, SensorLayout::named("polar-mono"));
+  EXPECT_FLOAT_EQ(polar(0, 0), 0.5f * (100 - 10));  // 90
+  EXPECT_FLOAT_EQ(polar(1, 1), 0.5f * (100 + 10));  // 0
+}
+
 }  // namespace
 }  // namespace malus

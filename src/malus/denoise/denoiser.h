@@ -46,10 +46,11 @@ struct DenoiseSettings {
                                        "multiplies the noise deviation that is taken out", 0.1, 4});
     field(self.row_noise,
           ParameterInfo{"row_noise", "",
-                        "estimate and remove the row noise first (baselines never do)"});
+                        "estimate and remove the row noise first (not of baselines)"});
     field(self.column_noise,
           ParameterInfo{"column_noise", "",
-                        "the same of the column noise, where the model's is significant"});
+                        "the same of the column noise, where the model's is significant (not of "
+                        "baselines)"});
     field(self.defects,
           ParameterInfo{"defects", "",
                         "fill the model's defect pixels from their neighbours, in frames of the "
@@ -60,10 +61,11 @@ struct DenoiseSettings {
                         "take out what the frame shows of the model's dark shading and PRNU maps, "
                         "in frames of the sensor's whole size or of known place on it, and count "
                         "what is left of PRNU and DSNU as noise"});
-    field(self.like_pixels,
-          ParameterInfo{"like_pixels", "",
-                        "average pixels once more where the result says that they are alike, as "
-                        "in print; without it faint marks on print stay clearer"});
+    field(
+        self.like_pixels,
+        ParameterInfo{"like_pixels", "",
+                      "average pixels once more where the result says that they are alike, as "
+                      "in print; without it faint marks on print stay clearer (not of baselines)"});
   }
 };
 

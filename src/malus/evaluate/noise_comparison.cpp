@@ -198,11 +198,12 @@ struct Lattice {
   int parts = 1;
 };
 
-// Whole numbers; less their mean, they are multiples of a step's n-th of which a pixel has one in
-// every step.
+// Whole numbers: where one side is rounded, the other is counted as if it were, too; bins of
+// another width are a comb over the codes. Less their mean, they are multiples of a step's n-th of
+// which a pixel has one in every step.
 Lattice lattice_of(const NoiseSource& a, const NoiseSource& b, const Ground& ground, int group,
                    const MomentsByLevel& of_a, const MomentsByLevel& of_b) {
-  if (group == 0) return {of_a.whole_numbers && of_b.whole_numbers ? 1.0 : 0.0};
+  if (group == 0) return {of_a.whole_numbers || of_b.whole_numbers ? 1.0 : 0.0};
   const double step_a = a.step_dn(), step_b = b.step_dn();
   if (!(step_a > 0 && step_b > 0)) return {};
   return {std::max(step_a, step_b) * static_cast<double>(ground.scale), group};
@@ -216,8 +217,9 @@ Bins bins_of(const Moments& a, const Moments& b, const Lattice& lattice, int cou
   double high = std::max(a.mean() + reach(a), b.mean() + reach(b));
   if (const double unit = lattice.unit; unit > 0) {
     // A bin holds the same number of values everywhere, or the histogram is a comb; no value lies
-    // on an edge.
-    low = unit * (std::floor(low / unit) - 0.5 - 0.25 / lattice.parts);
+    // on an edge, and edges lie midway between whole numbers, for floats that are compared.
+    const double beside = lattice.parts > 1 ? 0.25 / lattice.parts : 0;
+    low = unit * (std::floor(low / unit) - 0.5 - beside);
     return {low, unit * std::ceil(std::max((high - low) / unit, 1.0) / count), count};
   }
   if (!(high > low)) low -= 0.5, high += 0.5;

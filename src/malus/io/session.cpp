@@ -86,9 +86,9 @@ std::vector<fs::path> find_frames(const ConfigSection& section, const FileSearch
     }
     const auto found = internal::expand_glob(folder, pattern);
     if (found.empty())
-      section.fail(
-          "paths", fmt::format("has \"{}\", which no file matches", pattern),
-          fmt::format("patterns are relative to {}", folder.empty() ? "." : folder.string()));
+      section.fail("paths", fmt::format("has \"{}\", which no file matches", pattern),
+                   fmt::format("patterns are relative to {}",
+                               folder.empty() ? "the current folder" : folder.string()));
     for (const fs::path& file : found) {
       internal::require_file(frame_place(file).file);
       const auto own = frame_names(file, search.headerless);
@@ -215,7 +215,7 @@ SensorDescription parse_sensor(const ConfigSection& section) {
     try {
       sensor.layout = SensorLayout::named(*layout);
     } catch (const InputError& error) {
-      section.fail("layout", fmt::format("is \"{}\", {}", *layout, error.problem()),
+      section.fail("layout", fmt::format("is \"{}\", which {}", *layout, error.problem()),
                    error.remedy());
     }
   }
@@ -225,7 +225,7 @@ SensorDescription parse_sensor(const ConfigSection& section) {
     try {
       sensor.raw_format = raw_format_named(*format);
     } catch (const InputError& error) {
-      section.fail("raw_format", fmt::format("is \"{}\", {}", *format, error.problem()),
+      section.fail("raw_format", fmt::format("is \"{}\", which {}", *format, error.problem()),
                    error.remedy());
     }
   }

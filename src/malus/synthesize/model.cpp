@@ -60,10 +60,18 @@ LevelCoverage NoiseAtGain::synthesize(View<const float> clean_dn, View<float> no
       .coverage;
 }
 
-LevelCoverage NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_dn,
-                                             const std::vector<View<float>>& noisy_dn,
-                                             std::uint64_t seed, std::uint32_t frame) const {
-  const auto& layout = synthesizer_->model().layout;
+RawFrame NoiseAtGain::synthesize_raw(View<const float> clean_dn, std::uint64_t seed,
+                                     std::uint32_t frame, int row0, int col0,
+                                     FrameParameters* drawn) const {
+  constexpr double kWhite16Bit = 65535;
+  return synthesizer_->draw_raw(clean_dn, gain_, DrawAddress{seed, frame, row0, col0},
+                                model().black_dn,
+                                model().white_dn > 0 ? model().white_dn : kWhite16Bit, drawn);
+}
+
+void NoiseAtGain::require_planes(const std::vector<View<const float>>& clean_dn,
+                                 const std::vector<View<float>>& noisy_dn) const {
+  const SensorLayout& layout = model().layout;
   if (static_cast<int>(clean_dn.size()) != layout.channels() || noisy_dn.size() != clean_dn.size())
     throw InputError("packed array",
                      fmt::format("{} for the {} of {}", counted(std::ssize(clean_dn), "plane"),
@@ -73,6 +81,13 @@ LevelCoverage NoiseAtGain::synthesize_packed(const std::vector<View<const float>
     require_equal_sizes(clean_dn[0], noisy_dn[k]);
     require_equal_sizes(clean_dn[k], noisy_dn[k]);
   }
+}
+
+LevelCoverage NoiseAtGain::synthesize_packed(const std::vector<View<const float>>& clean_dn,
+                                             const std::vector<View<float>>& noisy_dn,
+                                             std::uint64_t seed, std::uint32_t frame) const {
+  const SensorLayout& layout = model().layout;
+  require_planes(clean_dn, noisy_dn);
   const auto packed_rows = static_cast<std::ptrdiff_t>(clean_dn[0].rows());
   // Long enough to outweigh a draw's fixed cost, short enough to stay in a core's cache.
   const std::ptrdiff_t strip = std::max(1, kMosaicRowsPerStrip / layout.rows());

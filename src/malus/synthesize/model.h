@@ -29,6 +29,18 @@ class NoiseAtGain {
                                   const std::vector<View<float>>& noisy_dn, std::uint64_t seed,
                                   std::uint32_t frame = 0) const;
 
+  /// The same mosaic as the camera would write it, whole codes with black (Synthesizer::draw_raw),
+  /// at the model's black and white, or at the white of 16 bits where it tells none. drawn, if
+  /// given, gets what the frame was drawn with.
+  RawFrame synthesize_raw(View<const float> clean_dn, std::uint64_t seed, std::uint32_t frame = 0,
+                          int row0 = 0, int col0 = 0, FrameParameters* drawn = nullptr) const;
+
+  /// Throws InputError unless both are one plane of one size per channel.
+  void require_planes(const std::vector<View<const float>>& clean_dn,
+                      const std::vector<View<float>>& noisy_dn) const;
+  const NoiseModel& model() const { return synthesizer_->model(); }
+  const SynthesisSettings& settings() const { return synthesizer_->settings(); }
+
   /// The same settings at another gain, as Model::at_gain (empty: random, as at_random_gain).
   NoiseAtGain with_gain(const std::optional<double>& gain) const;
   /// "physics at 24 dB", "gaussian at random gains".

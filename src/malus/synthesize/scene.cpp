@@ -326,22 +326,27 @@ std::vector<StokesPlanes> film_scene(const Planes& camera_rgb, const FilmSetting
 Image mosaic_of(const std::vector<StokesPlanes>& stokes, const SensorLayout& layout) {
   MALUS_REQUIRE(stokes.size() == 3 || stokes.size() == 1);
   const int rows = stokes[0].s0.rows(), cols = stokes[0].s0.cols();
-  const auto plane_of = [&](Color color) -> std::size_t {
-    if (stokes.size() == 1 || color == Color::kRed) return 0;
-    if (color == Color::kBlue) return 2;
-    return 1;  // both greens, and mono: the eye's channel
+  // Without a filter a pixel sees all colours. Their mean: silicon has none of the eye's weights,
+  // and these are the camera's colours, not sRGB's.
+  const auto seen = [&](Image StokesPlanes::*part, Color color, int r, int c) {
+    const auto plane = [&](std::size_t k) {
+      const Image& image = stokes[k].*part;
+      return image.empty() ? 0.0 : static_cast<double>(image(r, c));
+    };
+    if (stokes.size() == 1 || color == Color::kRed) return plane(0);
+    if (color == Color::kMono) return (plane(0) + plane(1) + plane(2)) / 3;
+    return plane(color == Color::kBlue ? 2 : 1);
   };
   Image mosaic(rows, cols);
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {
       const Site& site = layout.site(layout.channel_at(r, c));
-      const StokesPlanes& s = stokes[plane_of(site.color)];
-      const auto at = [&](const Image& plane) {
-        return plane.empty() ? 0.0 : static_cast<double>(plane(r, c));
-      };
-      mosaic(r, c) = !site.angle_deg ? s.s0(r, c)
-                                     : static_cast<float>(intensity_behind(
-                                           {at(s.s0), at(s.s1), at(s.s2)}, *site.angle_deg));
+      const auto at = [&](Image StokesPlanes::*part) { return seen(part, site.color, r, c); };
+      const double s0 = at(&StokesPlanes::s0);
+      mosaic(r, c) = static_cast<float>(
+          !site.angle_deg ? s0
+                          : intensity_behind({s0, at(&StokesPlanes::s1), at(&StokesPlanes::s2)},
+                                             *site.angle_deg));
     }
   return mosaic;
 }

@@ -110,7 +110,8 @@ std::vector<StokesPlanes> film_scene(const Planes& camera_rgb, const FilmSetting
                                      std::uint64_t seed, std::uint32_t number);
 
 /// What the sensor's sites see of three (R, G, B) or one plane of Stokes parameters: the mosaic in
-/// DN above black, of the planes' size. Sites without a polarizer see S0. Where S1 and S2 are
+/// DN above black, of the planes' size. Sites without a polarizer see S0, sites without a colour
+/// filter the mean of the three. Where S1 and S2 are
 /// empty, the light is unpolarized.
 Image mosaic_of(const std::vector<StokesPlanes>& stokes, const SensorLayout& layout);
 
