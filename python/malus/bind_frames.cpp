@@ -374,12 +374,10 @@ void bind_frames(py::module_& m) {
       py::arg("white") = py::none(), py::kw_only(), py::arg("raw_format") = py::none(),
       py::arg("size") = py::none(),
       "What `malus info --json` tells of a frame: the path of one (other arguments as load_frame "
-      "takes them; of a stack the first frame, or the one that is named), a Frame, or an "
-      "array.\n\n"
+      "takes them; of a stack the first frame, or the one that is named), a Frame, or an array.\n\n"
       "dict of layout, black, white and whether each is known or assumed, bits, frames_in_file, "
-      "exposure_s, "
-      "mean_of, gain_db, iso; per channel mean, minimum, maximum [DN], saturated_share, "
-      "below_black_share, "
+      "exposure_s, mean_of, gain_db, iso; per channel mean, minimum, maximum [DN], "
+      "saturated_share, below_black_share, "
       "noise_sd [DN, None where the scene decides nothing: of the flatter half of the picture] and "
       "noise_sd_at [DN, the mean light of that half]; value_grid (how integers fill their "
       "type), layout_check (as check_layout, and the declared pairing), nonfinite_pixels, "

@@ -1,5 +1,5 @@
 // Two sets of frames of one camera: what their rows and levels make of the distance of their noise.
-#include "malus/evaluate/common_offsets.h"
+#include "malus/evaluate/internal/common_offsets.h"
 
 #include "malus/base/random.h"
 #include "malus/evaluate/divergence.h"

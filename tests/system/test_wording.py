@@ -32,6 +32,6 @@ def test_the_program_writes_settings_as_flags(refused, misused, tmp_path):
     line = misused("info", tmp_path / "f.raw", "--raw-format", "mono8")
     assert line.endswith("a headerless file needs its size; give --size (width and height)")
     line = refused("synthesize", tmp_path / "f.raw", "--model", "imx250myr-simulated", "--kind", "gaussian", "-o", tmp_path / "out")
-    assert line.endswith("holds no gaussian model; calibrate with --kind gaussian, or give another --kind")
+    assert line.endswith("holds no gaussian model; calibrate with --kind gaussian, or use one of: physics")
     line = refused("model", "show", "builtin:imx250myr")
     assert line.endswith("did you mean builtin:imx250myr-simulated? `malus model list` shows all")

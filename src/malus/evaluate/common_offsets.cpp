@@ -1,4 +1,4 @@
-#include "malus/evaluate/common_offsets.h"
+#include "malus/evaluate/internal/common_offsets.h"
 
 #include "malus/base/error.h"
 #include "malus/evaluate/divergence.h"

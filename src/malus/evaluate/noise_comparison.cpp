@@ -4,9 +4,9 @@
 #include "malus/base/settings_check.h"
 #include "malus/base/statistics.h"
 #include "malus/base/wording.h"
-#include "malus/evaluate/common_offsets.h"
 #include "malus/evaluate/divergence.h"
 #include "malus/evaluate/image_metrics.h"
+#include "malus/evaluate/internal/common_offsets.h"
 #include "malus/evaluate/noise_structure.h"
 #include "malus/image/frame_statistics.h"
 
@@ -286,6 +286,14 @@ NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bin
           std::sqrt(std::min(*jsd_floor_bits(reference, test) + offsets_bits, 1.0))};
 }
 
+void require_one_size(const Image& reference, const Image& test) {
+  if (reference.rows() == test.rows() && reference.cols() == test.cols()) return;
+  throw InputError("the test frames",
+                   fmt::format("{} x {} pixels against {} x {} of the reference", test.cols(),
+                               test.rows(), reference.cols(), reference.rows()),
+                   "compare frames of one size");
+}
+
 }  // namespace
 
 NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& test,
@@ -301,11 +309,7 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   NoiseSource b(test, clean_dn, group, "the test frames", progress);
   const Ground &ground_a = a.of_group(0, progress), &ground_b = b.of_group(0, progress);
   const Image first_a = ground_a.noise_of(a.frame(0)), first_b = ground_b.noise_of(b.frame(0));
-  if (first_a.rows() != first_b.rows() || first_a.cols() != first_b.cols())
-    throw InputError("the test frames",
-                     fmt::format("{} x {} pixels against {} x {} of the reference", first_b.cols(),
-                                 first_b.rows(), first_a.cols(), first_a.rows()),
-                     "compare frames of one size");
+  require_one_size(first_a, first_b);
   const bool uniform = ground_a.signal.empty();  // one level, the same as pooled
   const Bins levels = uniform ? Bins{} : levels_of(ground_a.signal, settings.levels);
   const MomentsByLevel moments_a = moments_of(first_a, ground_a.signal, levels);
