@@ -136,11 +136,15 @@ std::vector<std::string> guess_complaints(const RawFrame& frame) {
   complaints.push_back(level_complaint(frame));
   complaints.push_back(declaration_note(frame));
   complaints.push_back(unknown_black_complaint(frame));
-  if (!frame.white_known && frame.bits > 0)
+  const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
+  if (!frame.white_known && frame.bits > 0 && range_dn <= 0)
+    complaints.push_back(
+        fmt::format("white level not known, and no pixel lies above black ({})", setting("white")));
+  else if (!frame.white_known && frame.bits > 0)
     complaints.push_back(fmt::format(
         "white level not known, taken as {:g} DN above black; saturated pixels go unnoticed if it "
         "is lower ({})",
-        white_above_black(frame.white_dn, frame.black_dn), setting("white")));
+        range_dn, setting("white")));
   std::erase(complaints, std::string());
   return complaints;
 }

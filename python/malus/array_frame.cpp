@@ -95,7 +95,6 @@ RawFrame frame_of_array(const py::object& array, const char* name, const ToldOfF
   RawFrame frame = pixels_of(numbers, name);
   frame.white_dn = assumed_white_dn(frame.bits, frame.dn.view());
   take_told(told, frame);
-  keep_assumed_white_above_black(frame);
   require_levels(frame);
   require_black_of_codes(frame, type_name(numbers));
   return frame;

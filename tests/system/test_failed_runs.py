@@ -61,7 +61,7 @@ def test_a_model_without_the_kind_is_named_by_its_file(malus, refused, tmp_path,
 
 
 def test_a_gain_beyond_the_model_is_told_of_the_file(refused):
-    assert refused("model", "show", MODEL, "--gain", "300").startswith(f"malus: {MODEL}: 300 dB: ")
+    assert refused("model", "show", MODEL, "--gain", "99").startswith(f"malus: {MODEL}: 99 dB: ")
 
 
 def test_noise_of_frames_smaller_than_a_cell_is_not_compared(refused, tmp_path):
@@ -77,5 +77,5 @@ def test_a_white_that_nobody_told_is_not_judged_where_no_pixel_is_above_black(ma
     np.save(tmp_path / "zero.npy", np.zeros((32, 32), np.uint32))
     for name in ("dark", "zero"):
         run = malus("info", tmp_path / f"{name}.npy", "--layout", "mono", "--black", "64", "--json")
-        assert run.json["white"] == 65 and run.json["saturated_share"]["value"] == [0]
+        assert run.json["saturated_share"]["value"] == [0]
         assert "above the white" not in run.err + run.out and "far below" not in run.err + run.out

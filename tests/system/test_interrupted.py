@@ -125,7 +125,8 @@ def test_a_list_of_pairs_speaks_for_no_frames_of_another_run(malus, refused, tmp
     before = (out / "scene000_00_short.tif").read_bytes()
     session = write_session(tmp_path, ratio=40, second_rows=32)
     assert "another size than its reference" in refused("pairs", session, "-o", out, "--force")
-    assert (out / "scene000_00_short.tif").read_bytes() != before
+    short = out / "scene000_00_short.tif"
+    assert not short.exists() or short.read_bytes() != before
     assert not (out / "pairs.json").exists()
 
 

@@ -171,6 +171,9 @@ std::vector<ChannelSummary> summarize(const RawFrame& frame) {
   std::vector<ChannelSummary> summaries(static_cast<std::size_t>(frame.layout.channels()));
   const std::vector<double> mean_dn = finite_means_dn(frame);
   const double infinity = std::numeric_limits<double>::infinity();
+  // White that is no more than the largest pixel tells nothing where that is not above black.
+  const bool white_tells =
+      !white_is_guessed(frame) || white_above_black(frame.white_dn, frame.black_dn) > 0;
   for (auto& summary : summaries) {
     summary.minimum_dn = infinity;
     summary.maximum_dn = -infinity;
@@ -188,7 +191,7 @@ std::vector<ChannelSummary> summarize(const RawFrame& frame) {
       }
       summary.minimum_dn = std::min(summary.minimum_dn, value);
       summary.maximum_dn = std::max(summary.maximum_dn, value);
-      summary.saturated_share += value >= frame.white_dn ? 1.0 : 0.0;
+      summary.saturated_share += white_tells && value >= frame.white_dn ? 1.0 : 0.0;
       summary.below_black_share += value < frame.black_dn[channel] ? 1.0 : 0.0;
     }
   for (std::size_t channel = 0; channel < summaries.size(); ++channel) {

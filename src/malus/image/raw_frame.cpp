@@ -61,11 +61,6 @@ double assumed_white_dn(int bits, View<const float> dn) {
   return counted_dn > 0 ? counted_dn : largest_dn;
 }
 
-void keep_assumed_white_above_black(RawFrame& frame) {
-  const double range_dn = white_above_black(frame.white_dn, frame.black_dn);
-  if (white_is_guessed(frame) && range_dn <= 0) frame.white_dn += 1 - range_dn;
-}
-
 bool white_is_guessed(const RawFrame& frame) {
   return !frame.white_known && !white_of_bits(frame.bits);
 }

@@ -76,10 +76,6 @@ inline constexpr double kMostCountedDn = 4294967296.0;
 /// been counted (where there is none, of all; 0 where none is finite).
 double assumed_white_dn(int bits, View<const float> dn);
 
-/// Of a frame whose white nobody tells, and whose pixels all lie at black or below it: no pixel
-/// tells a range, so white_dn is put 1 DN above the highest black. Others stay as they are.
-void keep_assumed_white_above_black(RawFrame& frame);
-
 /// White is no more than the largest pixel: a range, but no sign that this pixel is saturated.
 bool white_is_guessed(const RawFrame& frame);
 

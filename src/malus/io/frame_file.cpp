@@ -99,7 +99,6 @@ RawFrame assemble(Decoded& decoded, const FrameOptions& options, const fs::path&
   frame.white_dn = options.white_dn   ? *options.white_dn
                    : decoded.white_dn ? *decoded.white_dn
                                       : assumed_white_dn(frame.bits, frame.dn.view());
-  keep_assumed_white_above_black(frame);
   require_levels(frame);
   require_black_of_codes(frame, decoded.sample);
   if (!options.black_dn.empty()) require_gain_of_black(frame, options.black_gain);
