@@ -260,7 +260,7 @@ class DenoiseRun {
 // What no file could make go together.
 void check_usage(const DenoiseArguments& arguments) {
   if (!is_weight_file(arguments.settings.method) && arguments.format == "png")
-    throw CLI::ValidationError("--format png", "holds no float values; use tif or exr");
+    throw CLI::ValidationError("--format png", "holds no float values; use tif, exr, npy or fits");
   if (arguments.uncertainty) check_states_error("--uncertainty", arguments.settings.method);
 }
 

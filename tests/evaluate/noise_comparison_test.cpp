@@ -211,6 +211,15 @@ TEST(CompareNoise, CodesAndUnroundedNoiseAreCompared) {
   }
 }
 
+// A constant set is no camera's codes: bins of whole steps would call noise of 0.02 DN the same.
+TEST(CompareNoise, AConstantSetIsNotRounded) {
+  const Image dark = ramp(true);
+  const auto result =
+      compare_noise(frames_of(dark, {.sd = 0}, 4, 1), frames_of(dark, {.sd = 0.02}, 4, 2),
+                    std::nullopt, SensorLayout::named("mono"), {});
+  EXPECT_GT(result.pooled.sqrt_jsd, 0.5);
+}
+
 // White rows have the variance of a row's mean in every band; a first-order autoregressive series
 // has the spectrum (1 - a²) / |1 - a exp(-iw)|². Six frequencies of 96 rows a band and 60 frames: 5
 // % standard error; four of them, and the bands' own curvature.

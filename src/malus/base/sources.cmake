@@ -1,1 +1,1 @@
-set(base_SOURCES atomic_file.cpp error.cpp folder_lock.cpp frame_numbers.cpp large_pages.cpp parallel.cpp progress.cpp random.cpp statistics.cpp text.cpp unfinished_files.cpp unreadable_file.cpp wording.cpp worker_place.cpp)
+set(base_SOURCES atomic_file.cpp error.cpp fingerprint.cpp folder_lock.cpp frame_numbers.cpp large_pages.cpp parallel.cpp progress.cpp random.cpp statistics.cpp text.cpp unfinished_files.cpp unreadable_file.cpp wording.cpp worker_place.cpp)

@@ -176,6 +176,9 @@ struct MomentsByLevel {
   std::vector<Moments> noise;
   Moments signal;
   bool whole_numbers = true;
+
+  // One value alone is no sign of rounding.
+  bool shows_codes() const { return whole_numbers && noise.back().variance() > 0; }
 };
 
 MomentsByLevel moments_of(const Image& noise, const Image& signal, const Bins& levels) {
@@ -203,7 +206,7 @@ struct Lattice {
 // which a pixel has one in every step.
 Lattice lattice_of(const NoiseSource& a, const NoiseSource& b, const Ground& ground, int group,
                    const MomentsByLevel& of_a, const MomentsByLevel& of_b) {
-  if (group == 0) return {of_a.whole_numbers || of_b.whole_numbers ? 1.0 : 0.0};
+  if (group == 0) return {of_a.shows_codes() || of_b.shows_codes() ? 1.0 : 0.0};
   const double step_a = a.step_dn(), step_b = b.step_dn();
   if (!(step_a > 0 && step_b > 0)) return {};
   return {std::max(step_a, step_b) * static_cast<double>(ground.scale), group};
