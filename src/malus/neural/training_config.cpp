@@ -152,24 +152,27 @@ void read_validation(const ConfigSection& section, const fs::path& folder, Train
 }
 
 // What the noise of shards and captured pairs, and their light, does not follow. Frames of a
-// validation are drawn with the settings of the noise itself.
+// validation are drawn with the settings of the noise itself. A file may serve pictures, too: what
+// is set for this run alone (settings, "SECTION.KEY=VALUE") expects something.
 void refuse_settings_of_pictures(const ConfigSection& data, const ConfigSection& noise,
+                                 const std::vector<std::string>& settings,
                                  const TrainingConfig& config) {
   if (!config.pictures.empty() || !config.scenes.empty()) return;
-  const auto refuse = [](const ConfigSection& section, const std::vector<std::string>& keys,
-                         const char* remedy) {
+  const auto refuse = [&](const ConfigSection& section, const char* name,
+                          const std::vector<std::string>& keys, const char* remedy) {
     for (const std::string& key : keys)
-      if (section.has(key) && key != "extrapolate_gain")
-        section.fail(key, "means nothing to shards and captured pairs, which have their own",
-                     remedy);
+      for (const std::string& given : settings)
+        if (given.starts_with(fmt::format("{}.{}=", name, key)) && key != "extrapolate_gain")
+          section.fail(key, "means nothing to shards and captured pairs, which have their own",
+                       remedy);
   };
   const char* of_noise = "leave it out; that of shards is set by the [noise] of malus dataset";
   const char* of_light = "leave it out, or name pictures or scenes";
-  refuse(noise, names_of<TrainingNoiseSettings>(), of_noise);
-  refuse(data, {"exposure_low", "exposure_high", "zoom", "symmetries"}, of_light);
+  refuse(noise, "noise", names_of<TrainingNoiseSettings>(), of_noise);
+  refuse(data, "data", {"exposure_low", "exposure_high", "zoom", "symmetries"}, of_light);
   if (!config.validation_scenes.empty()) return;
-  refuse(noise, names_of<SynthesisSettings>(), of_noise);
-  refuse(data, {"polarized", "tone"}, of_light);
+  refuse(noise, "noise", names_of<SynthesisSettings>(), of_noise);
+  refuse(data, "data", {"polarized", "tone"}, of_light);
 }
 
 // The key that what is wrong with a network's settings names, of those that are written there.
@@ -283,7 +286,8 @@ TrainingConfig load_training_config(const fs::path& path, const TrainingOverride
   }
   if (const auto section = root.section("validation")) read_validation(*section, folder, config);
   // Who puts pairs in place of pictures has a configuration of pictures.
-  if (overrides.pairs.empty()) refuse_settings_of_pictures(*data, *noise, config);
+  if (overrides.pairs.empty())
+    refuse_settings_of_pictures(*data, *noise, overrides.settings, config);
   check_sizes(root, config);
   return config;
 }
