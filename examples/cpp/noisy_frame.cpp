@@ -15,10 +15,10 @@ int main() {
   frame.white_dn = 4013;
   frame.white_known = true;
   const malus::DenoiseSettings settings;
-  const auto [profile, left_out] =
+  const malus::FrameProfile noise =
       malus::frame_profile(frame, model.description(), model.gain_setting(24), settings);
-  if (!left_out.empty()) std::cerr << left_out << "\n";
-  const auto result = malus::denoise_frame(frame, profile, settings);
+  if (!noise.left_out.empty()) std::cerr << noise.left_out << "\n";
+  const auto result = malus::denoise_frame(frame, noise.profile, settings);
   std::cout << "pixel (100, 100): clean 200 DN, noisy " << noisy(100, 100) << " DN, denoised "
             << result.dn_above_black(100, 100) << " DN\n";
 }

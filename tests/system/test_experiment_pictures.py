@@ -195,8 +195,8 @@ def test_a_neural_isp_writes_sixteen_bit_pictures(malus, experiments):
     files = {}
     for ending in ("npy", "tif", "png"):
         written = malus("denoise", capture / "captures/case1/0_b_4_short.tif", "--model", "nikon-d850", "--method",
-                        experiments / "isp/weights.safetensors", "-o", experiments / "shown", "--format", ending, "--json").json["files"]
-        files[ending] = experiments / f"shown/0_b_4_short_srgb.{ending}"
+                        experiments / "isp/weights.safetensors", "-o", experiments / f"shown-{ending}", "--format", ending, "--json").json["files"]
+        files[ending] = experiments / f"shown-{ending}/0_b_4_short_srgb.{ending}"
         assert written == [str(files[ending])]
     assert tuple(files["png"].read_bytes()[24:26]) == (16, 2)  # 16 bits, red, green and blue
     shown = 255 * np.clip(np.load(files["npy"]).transpose(1, 2, 0), 0, 1)

@@ -349,7 +349,7 @@ def test_a_module_of_other_headers_is_refused(tmp_path, malus):
     shutil.copy2(PROGRAM, tmp_path / "malus")
     np.save(tmp_path / "x.npy", np.full((64, 64), 500, np.uint16))
     done = subprocess.run([tmp_path / "malus", "denoise", tmp_path / "x.npy", "--layout", "bayer-rggb", "--method", ROOT / "models/bayer.safetensors",
-                           "--model", "sony-a7s2", "--gain", "1600", "-o", tmp_path / "out"], capture_output=True, text=True, timeout=600)
+                           "--model", "sony-a7s2", "--iso", "1600", "-o", tmp_path / "out"], capture_output=True, text=True, timeout=600)
     assert done.returncode == 1 and "is of another version than the program; build both again" in done.stderr
 
 
