@@ -12,21 +12,21 @@ const kColors = ["#d55e00", "#0072b2", "#009e73"];
 
 /** Each value is shared by the two nearest bins. */
 function counts(planes: Plane[], low: number, high: number, bins: number): number[] {
-  const filled = new Array<number>(bins).fill(0);
+  const filled = new Float64Array(bins + 2);  // one more at both ends, for the half of a value that lies outside
+  const scale = bins / (high - low);
   let total = 0;
-  const add = (bin: number, share: number) => {
-    if (bin >= 0 && bin < bins) filled[bin] += share;
-  };
   for (const { values } of planes)
     for (let i = 0; i < values.length; ++i) {
-      if (values[i] !== values[i]) continue;
+      const value = values[i];
+      if (value !== value) continue;
       ++total;
-      const at = ((values[i] - low) / (high - low)) * bins - 0.5;
-      const bin = Math.floor(at);
-      add(bin, bin + 1 - at);
-      add(bin + 1, at - bin);
+      const at = (value - low) * scale + 0.5;
+      if (!(at >= 0 && at < bins + 1)) continue;
+      const bin = at | 0;
+      filled[bin] += bin + 1 - at;
+      filled[bin + 1] += at - bin;
     }
-  return filled.map((n) => n / Math.max(total, 1));
+  return Array.from(filled.subarray(1, bins + 1), (n) => n / Math.max(total, 1));
 }
 
 function rough(shares: number[]): boolean {

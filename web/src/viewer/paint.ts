@@ -63,13 +63,13 @@ export function paint(shown: Shown, look: Look, full: number, canvas: HTMLCanvas
   canvas.getContext("2d")!.putImageData(image, 0, 0);
 }
 
-/** The value below which `part` of the finite values lie, from at most 20,000 of them. */
-export function quantile(planes: { values: Float32Array }[], part: number): number {
+/** The value below which `part` of the finite values, as `of` takes them, lie: from at most 20,000 of each plane. */
+export function quantile(planes: { values: Float32Array }[], part: number, of = (value: number) => value): number {
   const sample: number[] = [];
   for (const { values } of planes) {
     const stride = Math.max(1, Math.floor(values.length / 20_000));
-    for (let i = 0; i < values.length; i += stride) if (Number.isFinite(values[i])) sample.push(values[i]);
+    for (let i = 0; i < values.length; i += stride) if (Number.isFinite(values[i])) sample.push(of(values[i]));
   }
-  sample.sort((a, b) => a - b);
-  return sample.length ? sample[Math.min(sample.length - 1, Math.floor(part * sample.length))] : 0;
+  const sorted = Float64Array.from(sample).sort();
+  return sorted.length ? sorted[Math.min(sorted.length - 1, Math.floor(part * sorted.length))] : 0;
 }

@@ -10,10 +10,6 @@ import { readout } from "./readout";
 import { Stage } from "./stage";
 import { firstView, viewsOf, type Shown, type View } from "./views";
 
-function magnitudes({ values }: Plane): { values: Float32Array } {
-  return { values: values.map(Math.abs) };
-}
-
 /** The next of 1, 2, 5, 10, … times a power of ten: a range that can be read off a legend. */
 function roundUp(value: number): number {
   if (!(value > 0)) return 1;
@@ -147,7 +143,7 @@ class Viewer {
     this.shown = Array.from({ length: count }, (_, p) => view.of(this.pictures[p] ?? [], p));
     const last = this.shown[Math.min(1, count - 1)] ?? this.shown.find((s) => s !== null);
     this.light = Math.max(quantile(last?.planes ?? [], 0.99) / 0.9, 1e-6);
-    this.reach = roundUp(quantile(last ? last.planes.map(magnitudes) : [], 0.99));
+    this.reach = roundUp(quantile(last?.planes ?? [], 0.99, Math.abs));
     this.repaint();
     const names = this.names();
     const present = this.shown.flatMap((s, p) => (s ? [{ name: names[p] ?? view.name, planes: s.planes }] : []));

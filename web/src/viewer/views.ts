@@ -46,15 +46,21 @@ export interface Stokes {
 
 export function stokes(i0: Plane, i45: Plane, i90: Plane, i135: Plane): Stokes {
   const [a, b, c, d] = [i0.values, i45.values, i90.values, i135.values];
-  return {
-    s0: combine([i0], (i) => (a[i] + b[i] + c[i] + d[i]) / 2),
-    s1: combine([i0], (i) => a[i] - c[i]),
-    s2: combine([i0], (i) => b[i] - d[i]),
-  };
+  const [s0, s1, s2] = [0, 1, 2].map(() => new Float32Array(a.length));
+  for (let i = 0; i < a.length; ++i) {
+    s0[i] = (a[i] + b[i] + c[i] + d[i]) / 2;
+    s1[i] = a[i] - c[i];
+    s2[i] = b[i] - d[i];
+  }
+  const plane = (values: Float32Array) => ({ rows: i0.rows, cols: i0.cols, values });
+  return { s0: plane(s0), s1: plane(s1), s2: plane(s2) };
 }
 
 export function dolp({ s0, s1, s2 }: Stokes): Plane {
-  return combine([s0], (i) => (s0.values[i] > 0 ? Math.hypot(s1.values[i], s2.values[i]) / s0.values[i] : NaN));
+  const [light, x, y] = [s0.values, s1.values, s2.values];
+  const values = new Float32Array(light.length);
+  for (let i = 0; i < values.length; ++i) values[i] = light[i] > 0 ? Math.sqrt(x[i] * x[i] + y[i] * y[i]) / light[i] : NaN;
+  return { ...s0, values };
 }
 
 export function aolp({ s0, s1, s2 }: Stokes): Plane {
