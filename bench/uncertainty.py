@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Whether stated errors of denoised pixels are true: the first tables of docs/uncertainty.md.
 
-    PYTHONPATH=build/release/python /usr/bin/python3 bench/uncertainty.py build/release/malus [--pictures PICTURE...] [--scenes SCENE...] [--marks]
+    PYTHONPATH=build/release/python /usr/bin/python3 bench/uncertainty.py build/release/malus [--pictures PICTURE...] [--scenes SCENE...] [--marks | --textures]
 
 A NumPy camera (Poisson, read noise of 2 DN, rows of half of that, 0.5 DN/e-, 12 bit), calibrated from its own frames, at 30, 200 and 2000 DN
 for white, and scenes known without noise: those of drawn_scenes.py (256 pixels), points on a slow sky, the pictures polarized by `malus
@@ -20,6 +20,7 @@ import drawn_scenes
 import malus
 import numpy as np
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 
 SIDE, LIGHTS = 256, (30, 200, 2000)
 KINDS = {"even light": ("flat",), "ramps": ("ramp",), "waves, hills": ("waves", "blobs"), "discs": ("discs",), "points": ("points",),
@@ -103,6 +104,33 @@ def judge_marks(layout, model):
                                                         for place in np.swapaxes(cells, 0, 1)) + " |", flush=True)
 
 
+def judge_textures(method, layout, model):
+    """Prints the table of textures above the noise: squared error over what is stated, and the share in two deviations, of pixels, S1 and S2, and DoLP."""
+    print(f"\n| {method}, {layout} | depth [deviations] | pixels | S1, S2 | DoLP |\n|---|---|---|---|---|")
+    white, random = 800 if layout.startswith("polar") else 400, np.random.default_rng(3)
+    for name, blur in (("white", 0), ("blurred by 1 px", 1)):
+        texture = gaussian_filter(random.normal(size=(SIDE, SIDE)), blur, mode="wrap")
+        for depth in (10, 3):
+            light = white * (1 + depth * np.sqrt(camera.K * 400 + camera.READ**2) / 400 * texture / texture.std())
+            clean = through_mosaic(layout, np.maximum(light, 0)[..., None] * (0.9, 1, 0.8), 0.3, 0.5)
+            raw = camera.frame(clean, 0, 0, camera.group_of(layout), np.random.default_rng(7))
+            done = malus.denoise(raw, layout=layout, black=camera.BLACK, white=camera.WHITE, model=model, gain=0, variance=True, method=method)
+            cells = ["{:.2f}, {:.0f}".format(*held(done["dn"] - clean, done["variance"]))]
+            if layout.startswith("polar"):
+                truth, shown = malus.stokes(clean, layout), malus.stokes(done["dn"], layout, variance=done["variance"])
+                for names in (("s1", "s2"), ("dolp",)):
+                    cells.append("{:.2f}, {:.0f}".format(*held(*(np.stack(planes) for planes in zip(*((shown[name] - truth[name], shown[name + "_sd"]**2)
+                                                                                                  for name in names))))))
+            print(f"| {name} | {depth} | " + " | ".join(cells) + " |", flush=True)
+
+
+def held(error, stated):
+    """Ratio of squares, percentage in two deviations."""
+    known = np.isfinite(error) & np.isfinite(stated)  # DoLP is not where nothing shines
+    error2, stated = error[known]**2.0, stated[known]
+    return error2.mean() / stated.mean(), 100 * np.mean(error2 <= 4 * stated)
+
+
 def places(clean, period):
     r, c = np.mgrid[:SIDE, :SIDE]
     border = np.minimum(np.minimum(r, c), SIDE - 1 - np.maximum(r, c)) < 8
@@ -144,11 +172,15 @@ def main():
     parser.add_argument("--scenes", nargs="+", type=pathlib.Path, default=[])
     parser.add_argument("--runs", nargs="+", type=int, default=range(len(RUNS)), help="of the list RUNS")
     parser.add_argument("--marks", action="store_true", help="faint marks on print in place of the scenes, nl-ridge in its normal profile")
+    parser.add_argument("--textures", action="store_true", help="textures above the noise in place of the scenes, normal profile")
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")  # of maps of the fixed pattern, which the camera has none of
     for method, profile, layout in [RUNS[number] for number in arguments.runs]:
         with tempfile.TemporaryDirectory() as folder:
             model = camera.calibrated(layout, 0.5, pathlib.Path(folder), columns=0)
+        if arguments.textures:
+            judge_textures(method, layout, model)
+            continue
         with tempfile.TemporaryDirectory() as folder:
             found = scenes(layout, arguments, pathlib.Path(folder))
         if arguments.marks:

@@ -13,6 +13,7 @@
 #include "malus/denoise/internal/joint_bilateral.h"
 #include "malus/denoise/internal/kept_points.h"
 #include "malus/denoise/internal/missed_signal.h"
+#include "malus/denoise/internal/returned_noise.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/noise/rounding.h"
 
@@ -184,12 +185,15 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   result.tile_work = tiles.work;
   result.whole_frame_mib = tiles.whole_mib;
   const std::vector<float> uncut = uncut_samples(stabilizers, frame);
+  const internal::SampleNoise noise = sure_noise(stabilizers, uncut, frame, profile, result);
   if (settings.like_pixels)
-    internal::average_alike_pixels(stabilised,
-                                   sure_noise(stabilizers, uncut, frame, profile, result), memory,
+    internal::average_alike_pixels(stabilised, noise, memory,
                                    {result.dn_above_black, cell_error, error}, progress);
   check_stop(progress);
-  if (error) internal::add_missed_signal(stabilised, uncut, result.dn_above_black, *error);
+  if (error) {
+    internal::add_missed_signal(stabilised, uncut, result.dn_above_black, *error);
+    internal::state_returned_noise(stabilised, noise, result.dn_above_black, *error);
+  }
   invert(stabilizers, frame, result);
   keep_saturated(frame, result.dn_above_black);
   keep_points(frame, profile, stabilizers, result);

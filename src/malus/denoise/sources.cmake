@@ -41,6 +41,7 @@ set(denoise_SOURCES
     preparation.cpp
     quiet_patches.cpp
     repeats.cpp
+    returned_noise.cpp
     row_deviation.cpp
     row_evidence.cpp
     row_noise.cpp
