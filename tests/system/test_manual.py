@@ -134,6 +134,29 @@ def test_values_of_a_flag_are_offered(offers, shell):
     assert "gaussian" not in offered
 
 
+# Names that no declaration of a flag has: of methods, of layouts, of built-in models.
+@pytest.mark.parametrize("words, some, none", [
+    (("denoise", "--method", ""), {"bm3d", "nl-ridge", "paper-bm3d"}, "mono"),
+    (("info", "--layout", "po"), {"polar-mono", "polar-bayer-rggb"}, "mono"),
+    (("denoise", "--model", "imx"), {"imx250mzr-simulated", "imx250myr-simulated"}, "sony-a7s2"),
+    (("model", "show", "imx"), {"imx250mzr-simulated", "imx250myr-simulated"}, "sony-a7s2"),
+])
+@pytest.mark.parametrize("shell", SHELLS)
+def test_names_that_the_program_knows_are_offered(offers, shell, words, some, none):
+    offered = offers(shell, "malus", *words)
+    assert some <= set(offered) and none not in offered
+
+
+@needs("bash")
+def test_files_are_offered_beside_names_where_they_are_taken(manual, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "imx of mine.h5").touch()
+    (tmp_path / "polar.tif").touch()
+    assert "mine.h5" in bash_offers(manual, "malus", "denoise", "--model", "imx")
+    assert "mine.h5" in bash_offers(manual, "malus", "denoise", "--method", "imx")
+    assert "polar.tif" not in bash_offers(manual, "malus", "info", "--layout", "po")
+
+
 def test_pages_are_not_written_over(malus, refused, tmp_path):
     malus("manual", "-o", tmp_path)
     assert "--force" in refused("manual", "-o", tmp_path)
