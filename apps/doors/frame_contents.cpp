@@ -150,8 +150,7 @@ std::vector<std::string> guess_complaints(const RawFrame& frame) {
 }
 
 std::vector<std::string> mean_complaints(const RawFrame& mean) {
-  std::vector<std::string> complaints;
-  if (!mean.layout_known) complaints.push_back(unknown_layout_complaint(mean));
+  std::vector<std::string> complaints = {unknown_layout_complaint(mean)};
   if (mean.holds_codes() && !mean.black_known)
     complaints.push_back(
         fmt::format("black level not known; give {}, or a model later", setting("black")));
@@ -160,6 +159,7 @@ std::vector<std::string> mean_complaints(const RawFrame& mean) {
         fmt::format("white level not known; what is saturated in some of the frames goes "
                     "unnoticed ({})",
                     setting("white")));
+  std::erase(complaints, std::string());
   return complaints;
 }
 

@@ -4,6 +4,8 @@ import os
 import pathlib
 import sys
 
+import pytest
+
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 if not os.environ.get("MALUS_TEST_INSTALLED"):
     sys.path.insert(0, str(pathlib.Path(os.environ.get("MALUS_BUILD", ROOT / "build/release")) / "python"))
@@ -11,3 +13,15 @@ if not os.environ.get("MALUS_TEST_INSTALLED"):
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "slow: left out by ./test QUICK")
+
+
+@pytest.fixture(scope="module")
+def model(request):
+    """The one that the tests' file names, MODEL."""
+    import malus
+    return malus.Model(request.module.MODEL)
+
+
+@pytest.fixture(scope="module")
+def black(model):
+    return model.as_dict()["black"]["value"]

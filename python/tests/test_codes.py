@@ -14,16 +14,6 @@ MODEL, LAYOUT = "imx250mzr-simulated", "polar-mono"
 
 
 @pytest.fixture(scope="module")
-def model():
-    return malus.Model(MODEL)
-
-
-@pytest.fixture(scope="module")
-def black(model):
-    return model.as_dict()["black"]["value"]
-
-
-@pytest.fixture(scope="module")
 def light():
     """Of DoLP 0.5, in DN above black."""
     r, c = np.mgrid[:64, :64]

@@ -18,16 +18,6 @@ LAYOUT = "polar-mono"
 CELL = [(0, 0), (0, 1), (1, 0), (1, 1)]
 
 
-@pytest.fixture(scope="module")
-def model():
-    return malus.Model(MODEL)
-
-
-@pytest.fixture(scope="module")
-def black(model):
-    return model.as_dict()["black"]["value"]
-
-
 @pytest.fixture
 def raw(model, black, tmp_path):
     """A flat of 300 DN as the camera writes it: uint16 TIFF without any tag."""

@@ -14,11 +14,6 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 MODEL = "imx250myr-simulated"
 
 
-@pytest.fixture(scope="module")
-def model():
-    return malus.Model(MODEL)
-
-
 def test_model_tells_what_it_is(model):
     assert model.layout == "polar-bayer-rggb"
     assert model.channels[0] == "R90" and len(model.channels) == 16
