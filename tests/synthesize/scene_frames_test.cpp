@@ -77,6 +77,24 @@ TEST(SceneFrames, ASensorWithoutPolarizersSeesTheMeanOfTheAngles) {
     }
 }
 
+// As simulate and training do: it was green alone.
+TEST(SceneFrames, ASiteWithoutAColourFilterSeesTheMeanOfTheColours) {
+  const double mean = (kLight[0].s0 + kLight[1].s0 + kLight[2].s0) / 3;
+  const CleanScene mono = clean_scene("even", light_of_angles(), model_of("mono"), 16);
+  EXPECT_NEAR(mono.clean_dn(3, 4), 4000 * mean / 2, 1e-3);
+  const CleanScene picture =
+      clean_scene("one.png", {even_light({0.1, 0.2, 0.9})}, model_of("mono"), 16);
+  EXPECT_NEAR(picture.clean_dn(0, 0), 4000 * 0.4, 1e-3);
+  const NoiseModel polar = model_of("polar-mono");
+  const CleanScene behind = clean_scene("even", light_of_angles(), polar, 16);
+  for (int c = 0; c < 2; ++c) {
+    const double angle_deg = *polar.layout.site(polar.layout.channel_at(0, c)).angle_deg;
+    double light = 0;
+    for (const Stokes& color : kLight) light += intensity_behind(color, angle_deg) / 3;
+    EXPECT_NEAR(behind.clean_dn(0, c), 4000 * light, 1e-3) << c;
+  }
+}
+
 TEST(SceneFrames, LightEndsAtTheCamerasWhite) {
   const CleanScene scene = clean_scene("bright", {even_light({1.7})}, model_of("mono"), 16);
   EXPECT_FLOAT_EQ(scene.clean_dn(3, 5), 4000.0f);

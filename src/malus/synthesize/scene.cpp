@@ -8,6 +8,7 @@
 #include "malus/base/wording.h"
 #include "malus/polar/color_map.h"
 #include "malus/polar/fresnel.h"
+#include "malus/synthesize/internal/site_light.h"
 
 #include <algorithm>
 #include <array>
@@ -326,16 +327,11 @@ std::vector<StokesPlanes> film_scene(const Planes& camera_rgb, const FilmSetting
 Image mosaic_of(const std::vector<StokesPlanes>& stokes, const SensorLayout& layout) {
   MALUS_REQUIRE(stokes.size() == 3 || stokes.size() == 1);
   const int rows = stokes[0].s0.rows(), cols = stokes[0].s0.cols();
-  // Without a filter a pixel sees all colours. Their mean: silicon has none of the eye's weights,
-  // and these are the camera's colours, not sRGB's.
   const auto seen = [&](Image StokesPlanes::*part, Color color, int r, int c) {
-    const auto plane = [&](std::size_t k) {
+    return light_behind_filter(color, static_cast<int>(stokes.size()), [&](std::size_t k) {
       const Image& image = stokes[k].*part;
       return image.empty() ? 0.0 : static_cast<double>(image(r, c));
-    };
-    if (stokes.size() == 1 || color == Color::kRed) return plane(0);
-    if (color == Color::kMono) return (plane(0) + plane(1) + plane(2)) / 3;
-    return plane(color == Color::kBlue ? 2 : 1);
+    });
   };
   Image mosaic(rows, cols);
   for (int r = 0; r < rows; ++r)

@@ -2,6 +2,7 @@
 
 #include "malus/base/error.h"
 #include "malus/image/middle.h"
+#include "malus/synthesize/internal/site_light.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
@@ -11,12 +12,10 @@ namespace {
 
 // What a pixel behind the site's colour filter and polarizer sees.
 double light_at(const std::vector<Planes>& light, const Site& site, int row, int col) {
-  const int channels = light.front().channels();
-  const int color = channels < 3                 ? 0
-                    : site.color == Color::kRed  ? 0
-                    : site.color == Color::kBlue ? 2
-                                                 : 1;
-  const auto value = [&](std::size_t angle) { return double{light[angle][color](row, col)}; };
+  const auto value = [&](std::size_t angle) {
+    return light_behind_filter(site.color, light[angle].channels(),
+                               [&](int color) { return double{light[angle][color](row, col)}; });
+  };
   if (light.size() == 1) return value(0);
   if (site.angle_deg) return value(static_cast<std::size_t>(*site.angle_deg / 45));
   return (value(0) + value(1) + value(2) + value(3)) / 4;

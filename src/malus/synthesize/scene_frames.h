@@ -20,8 +20,9 @@ struct CleanScene {
 
 /// The middle crop x crop pixels of a scene through the sensor's mosaic. light: fractions of white,
 /// of one size, with one plane or red, green and blue; behind polarizers at 0, 45, 90 and 135
-/// degrees, whose mean a sensor without polarizers sees, or one without. Throws InputError, naming
-/// the source, where one is given for a sensor with polarizers, and where nothing is left.
+/// degrees, whose mean a sensor without polarizers sees, or one without. Sites without a colour
+/// filter see the mean of the colours. Throws InputError, naming the source, where one is given for
+/// a sensor with polarizers, and where nothing is left.
 CleanScene clean_scene(const std::string& source, const std::vector<Planes>& light,
                        const NoiseModel& model, int crop);
 
