@@ -103,6 +103,33 @@ def test_what_h5py_writes_otherwise_is_told(refused, tmp_path, name, change, wor
     assert words in refused("model", "show", tmp_path / "m.h5")
 
 
+@pytest.mark.parametrize("unit, words", [
+    (np.bytes_("e-"), 'physics/000/K/mean has the attribute unit "e-", not "DN/e-"; store its values in "DN/e-"'),
+    (np.bytes_("DN"), 'the attribute unit "DN", not "DN/e-"'),
+    (np.bytes_("DN" * 30), 'DNDN...", not "DN/e-"'),
+    (1.0, "an attribute unit that is not one text"),
+    (np.array([b"DN/e-", b"DN/e-"]), "an attribute unit that is not one text"),
+    (h5py.Empty("S6"), "an attribute unit that is not one text"),
+])
+def test_values_in_another_unit_are_refused(refused, tmp_path, unit, words):
+    shutil.copy(SEEDS / "good_full.h5", tmp_path / "m.h5")
+    with h5py.File(tmp_path / "m.h5", "a") as file:
+        file["physics/000/K/mean"].attrs["unit"] = unit
+    line = refused("model", "show", tmp_path / "m.h5")
+    assert "m.h5: " in line and words in line
+
+
+def test_units_as_other_programs_write_them_are_read(malus, tmp_path):
+    """Those of variable length are not: libhdf5 crashes on a damaged heap of them."""
+    shutil.copy(SEEDS / "good_full.h5", tmp_path / "m.h5")
+    with h5py.File(tmp_path / "m.h5", "a") as file:
+        file["physics/000/K/mean"].attrs["unit"] = np.bytes_("DN/e-   ")
+        file["physics/000/K/spread"].attrs["unit"] = np.array([b"DN/e-"])
+        file["physics/000/K/covariance"].attrs["unit"] = "any"
+        del file["physics/000/K/standard_error"].attrs["unit"]
+    malus("model", "show", tmp_path / "m.h5")
+
+
 @pytest.mark.parametrize("seed", sorted(path.name for path in SEEDS.glob("bad_*.h5")))
 def test_misleading_files_are_refused(refused, seed, tmp_path):
     shutil.copy(SEEDS / seed, tmp_path / seed)

@@ -107,7 +107,7 @@ class Hdf5Writer {
 };
 
 /// Reads from one group of a file. What the file lacks leaves the value as it is; what it holds in
-/// another type, rank or size than asked for throws InputError.
+/// another type, rank, size or unit than asked for throws InputError.
 class Hdf5Reader {
  public:
   static constexpr bool kReading = true;
@@ -148,6 +148,7 @@ class Hdf5Reader {
   Hdf5Handle open(const Field& field, int type_class, std::size_t rank, std::size_t max_values,
                   std::vector<std::size_t>& shape) const;
   void require_filters(const Hdf5Handle& creation, const Field& field) const;
+  void require_unit(const Hdf5Handle& data, const Field& field) const;
   [[noreturn]] void refuse_variable(const Field& field) const;
   void read(const Hdf5Handle& data, const Field& field, std::int64_t type, void* values) const;
   /// The part that the data spaces select.

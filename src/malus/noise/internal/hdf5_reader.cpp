@@ -23,6 +23,23 @@ std::string shape_text(const std::vector<std::size_t>& shape) {
   return shape.empty() ? "a single value" : fmt::format("{}", fmt::join(shape, " x "));
 }
 
+// Of an attribute of one text of fixed length, padded as other programs do, too.
+std::string text_of(const Hdf5Handle& attribute, const Hdf5Handle& type) {
+  const std::size_t size = H5Tget_size(type.id());
+  if (size == 0 || size > kMaxTextBytes) return {};
+  std::string text(size, '\0');
+  if (H5Aread(attribute.id(), type.id(), text.data()) < 0) return {};
+  text.resize(std::min(text.find('\0'), text.size()));
+  text.resize(text.find_last_not_of(' ') + 1);
+  return text;
+}
+
+// A file may hold anything for one.
+std::string shown_unit(const std::string& unit) {
+  constexpr std::size_t kLongest = 40;
+  return unit.size() <= kLongest ? unit : unit.substr(0, kLongest) + "...";
+}
+
 }  // namespace
 
 Hdf5Reader::Hdf5Reader(const std::filesystem::path& path) : path_(path.string()) {
@@ -133,6 +150,25 @@ void Hdf5Reader::refuse_variable(const Field& field) const {
        "store it as text of fixed length (h5py: numpy.bytes_)");
 }
 
+// A file without the attribute says nothing else than what is expected. Text of variable length is
+// not read, as of older files: it lies in a heap that has no checksum, and libhdf5 crashes on one
+// that is damaged.
+void Hdf5Reader::require_unit(const Hdf5Handle& data, const Field& field) const {
+  if (field.unit.empty() || H5Aexists(data.id(), "unit") <= 0) return;
+  const Hdf5Handle attribute(H5Aopen(data.id(), "unit", H5P_DEFAULT), H5Aclose);
+  const Hdf5Handle type(attribute.valid() ? H5Aget_type(attribute.id()) : -1, H5Tclose);
+  const Hdf5Handle space(attribute.valid() ? H5Aget_space(attribute.id()) : -1, H5Sclose);
+  if (!type.valid() || !space.valid()) fail(field.name, "has an attribute unit that is unreadable");
+  if (H5Tget_class(type.id()) != H5T_STRING || H5Sget_simple_extent_npoints(space.id()) != 1)
+    fail(field.name, "has an attribute unit that is not one text");
+  if (H5Tis_variable_str(type.id()) != 0) return;
+  const std::string unit = text_of(attribute, type);
+  if (unit != field.unit)
+    fail(field.name,
+         fmt::format("has the attribute unit \"{}\", not \"{}\"", shown_unit(unit), field.unit),
+         fmt::format("store its values in \"{}\" and name that", field.unit));
+}
+
 Hdf5Handle Hdf5Reader::open(const Field& field, int type_class, std::size_t rank,
                             std::size_t max_values, std::vector<std::size_t>& shape) const {
   if (!holds(field.name)) return {};
@@ -165,6 +201,7 @@ Hdf5Handle Hdf5Reader::open(const Field& field, int type_class, std::size_t rank
   if (item == 0 || item > kMaxTextBytes ||
       values > (stored * kLargestCompression + kFreeBytes) / item)
     fail(field.name, fmt::format("claims {} in {} stored bytes", shape_text(shape), stored));
+  require_unit(data, field);
   return data;
 }
 

@@ -51,13 +51,23 @@ Hdf5Handle text_type(std::size_t bytes, const std::string& field) {
   return type;
 }
 
-// Attributes are of variable length, which h5py shows as str.
+// Of variable length, which h5py shows as str: for what is not read again.
 void write_attribute(hid_t object, const char* name, const char* value) {
   const Hdf5Handle type = text_type(H5T_VARIABLE, name);
   const Hdf5Handle space = simple_space({}, name);
   const Hdf5Handle attribute = checked(
       H5Acreate2(object, name, type.id(), space.id(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose, name);
   check(H5Awrite(attribute.id(), type.id(), &value), name);
+}
+
+// Of fixed length, which has its object's checksum: the reader compares it.
+void write_unit(hid_t object, const std::string& unit) {
+  const Hdf5Handle type = text_type(std::max<std::size_t>(unit.size(), 1), "unit");
+  const Hdf5Handle space = simple_space({}, "unit");
+  const Hdf5Handle attribute =
+      checked(H5Acreate2(object, "unit", type.id(), space.id(), H5P_DEFAULT, H5P_DEFAULT), H5Aclose,
+              "unit");
+  check(H5Awrite(attribute.id(), type.id(), unit.c_str()), "unit");
 }
 
 Hdf5Handle creation_list(const std::vector<std::size_t>& shape, std::size_t bytes,
@@ -151,7 +161,7 @@ void Hdf5Writer::data_set(const Field& field, std::int64_t type,
                                              H5P_DEFAULT, list.id(), H5P_DEFAULT),
                                   H5Dclose, name);
   check(H5Dwrite(data.id(), type, H5S_ALL, H5S_ALL, H5P_DEFAULT, values), name);
-  write_attribute(data.id(), "unit", field.unit.c_str());
+  write_unit(data.id(), field.unit);
   write_attribute(data.id(), "description", field.description.c_str());
 }
 
