@@ -57,6 +57,7 @@ void warn_of_model(const NoiseModel& model, const GainSetting& gain, const fs::p
     warn_of(path.string(), line);
   for (const std::string& line : cut_off_complaints(model, gain, undone))
     warn_of(path.string(), line);
+  for (const std::string& line : two_outputs_complaints(model, gain)) warn_of(path.string(), line);
 }
 
 void warn_of_picture(const std::string& source, const NetworkInference::Rendered& made) {

@@ -55,7 +55,8 @@ std::optional<Model> model_from(const pybind11::object& given);
 void require_model_for(const char* name, bool given, const std::optional<Model>& model);
 
 /// What a model says of itself at this gain, by the sensor's name: that it lies outside the
-/// calibrated range, and cut_off_complaints (malus/denoise/frame_complaints.h).
+/// calibrated range, cut_off_complaints and two_outputs_complaints
+/// (malus/denoise/frame_complaints.h).
 std::vector<std::string> model_complaints(const NoiseModel& model, const GainSetting& gain,
                                           bool undone);
 

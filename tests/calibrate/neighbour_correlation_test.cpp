@@ -2,6 +2,7 @@
 #include "malus/calibrate/internal/neighbour_correlation.h"
 
 #include "malus/base/statistics.h"
+#include "malus/noise/two_outputs.h"
 
 #include <cmath>
 
@@ -172,6 +173,7 @@ TEST(NeighbourCorrelation, HalvesOfRowsWithNoiseOfTheirOwnAreTold) {
     warn_of_alike_neighbours(halves, NeighbourCorrelation(geometry), p);
     ASSERT_EQ(p.warnings.size(), 1u);
     EXPECT_NE(p.warnings[0].find("two outputs"), std::string::npos) << p.warnings[0];
+    EXPECT_TRUE(p.warnings[0].starts_with(kTwoOutputsFinding)) << "denoise looks for it";
     EXPECT_NE(p.warnings[0].find("0.7"), std::string::npos) << p.warnings[0];
     for (const RowOffsets other : {RowOffsets::kWhole, RowOffsets::kGrowing})
       EXPECT_EQ(of_rows(geometry, other).shared_by_halves(), 0) << layout;

@@ -1,6 +1,8 @@
 // What is said of a result, a model and a gain: each line where it is due, and not beside it.
 #include "malus/denoise/frame_complaints.h"
 
+#include "malus/noise/two_outputs.h"
+
 #include <optional>
 
 #include <fmt/format.h>
@@ -138,6 +140,16 @@ TEST(CutOffComplaints, AreOfTheGainAlone) {
     EXPECT_EQ(model.profile_at(gain).dark_was_cut_off, db < second_db) << db;
     EXPECT_EQ(cut_off_complaints(model, gain, true).empty(), db >= second_db) << db;
   }
+}
+
+TEST(TwoOutputsComplaints, AreOfTheGainAlone) {
+  NoiseModel model = load_model("builtin:imx250myr-simulated");
+  const GainSetting first = model.physics[0].gain, second = model.physics[1].gain;
+  model.physics[0].warnings = {"something else", std::string(kTwoOutputsFinding) + ", 0.7 DN"};
+  EXPECT_THAT(two_outputs_complaints(model, first), ElementsAre(HasSubstr("own, 0.7 DN")));
+  EXPECT_THAT(two_outputs_complaints(model, second), IsEmpty());
+  const GainSetting between{(*first.gain_db + *second.gain_db) / 2, {}};
+  EXPECT_THAT(two_outputs_complaints(model, between), ElementsAre(HasSubstr("own, 0.7 DN")));
 }
 
 }  // namespace

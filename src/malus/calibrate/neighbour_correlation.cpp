@@ -3,6 +3,7 @@
 #include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/image/window.h"
+#include "malus/noise/two_outputs.h"
 
 #include <algorithm>
 #include <array>
@@ -218,11 +219,11 @@ void warn_of_halves(const NeighbourCorrelation& dark, PhysicsCalibration& out) {
   const double all = mean_of(out.temporal_sd_dark_dn), rows = mean_of(out.sigma_row.mean),
                without_rows = std::sqrt(std::max(all * all - rows * rows, 0.0));
   out.warnings.push_back(fmt::format(
-      "the left and the right half of each row have noise of their own, {:.2g} DN about the row's: "
-      "two outputs read them. The model has one offset for a whole row (of {:.2g} DN), and "
+      "{}, {:.2g} DN about the row's: two outputs read them. The model has one offset for a whole "
+      "row (of {:.2g} DN), and "
       "denoising leaves the rest in; cut all frames into halves, and calibrate and denoise each as "
       "a sensor of its own",
-      std::sqrt(shared) * without_rows, rows));
+      kTwoOutputsFinding, std::sqrt(shared) * without_rows, rows));
 }
 
 }  // namespace

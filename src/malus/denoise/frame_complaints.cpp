@@ -3,6 +3,7 @@
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/noise/frame_levels.h"
+#include "malus/noise/two_outputs.h"
 
 #include <algorithm>
 #include <cmath>
@@ -157,6 +158,13 @@ std::vector<std::string> cut_off_complaints(const NoiseModel& model, const GainS
                : "light comes out about as much too dark"));
   }
   return lines;
+}
+
+std::vector<std::string> two_outputs_complaints(const NoiseModel& model, const GainSetting& gain) {
+  for (const PhysicsCalibration* p : model.physics_around(gain))
+    for (const std::string& warning : p->warnings)
+      if (warning.starts_with(kTwoOutputsFinding)) return {warning};
+  return {};
 }
 
 }  // namespace malus

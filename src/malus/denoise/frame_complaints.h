@@ -37,4 +37,8 @@ std::string extrapolation_complaint(const NoiseModel& model, const GainSetting& 
 std::vector<std::string> cut_off_complaints(const NoiseModel& model, const GainSetting& gain,
                                             bool undone);
 
+/// What calibration said at this gain, or at one that it is interpolated from, of a sensor whose
+/// rows are read out by two outputs: their own noise stays in the result. Empty or one line.
+std::vector<std::string> two_outputs_complaints(const NoiseModel& model, const GainSetting& gain);
+
 }  // namespace malus
