@@ -148,6 +148,8 @@ Json comparison_json(const NoiseComparison& c, const NoiseComparisonSettings& se
                          {"jsd", "base 2, 0 to 1"},
                          {"bins", settings.bins},
                          {"bin_range", "6 standard deviations on both sides of the mean"}};
+  json["rounded_to_steps_dn"] = {{"reference", c.reference_rounded_dn},
+                                 {"test", c.test_rounded_dn}};
   json["pooled"] = distance_json(c.pooled);
   json["levels"] = Json::array();
   for (const auto& level : c.levels) json["levels"].push_back(distance_json(level));
@@ -214,6 +216,27 @@ void warn_of_fixed_pattern(const NoiseComparison& c, const NoiseArguments& argum
       reference > test ? "tests" : "reference"));
 }
 
+// Of noise that is small beside the step, rounding leaves little to compare.
+void tell_of_rounding(const NoiseComparison& c, const Common& common) {
+  constexpr double kFewSteps = 0.5;
+  const auto tell = [&](const char* side, const char* other, double step_dn, double sd_dn) {
+    if (step_dn == 0) return;
+    const std::string told = fmt::format(
+        "the {} are not in steps of {:g} DN, as the codes of the {} are: for the divergences they "
+        "were rounded to these",
+        side, step_dn, other);
+    if (sd_dn < kFewSteps * step_dn)
+      warn(
+          fmt::format("{}, which hide much of a noise of {:.2g} DN; the divergences are of what "
+                      "is left",
+                      told, sd_dn));
+    else
+      note(common, told);
+  };
+  tell("reference's frames", "tests", c.reference_rounded_dn, mean_of(c.reference.sd_dn));
+  tell("tests' frames", "reference", c.test_rounded_dn, mean_of(c.test.sd_dn));
+}
+
 }  // namespace
 
 void run_noise_comparison(const NoiseArguments& given, const RawOptions& raw,
@@ -253,6 +276,7 @@ void run_noise_comparison(const NoiseArguments& given, const RawOptions& raw,
       compare_noise(reference, test, clean, layout, arguments.settings, *progress);
   warn_of_copies(comparison, arguments);
   warn_of_fixed_pattern(comparison, arguments);
+  tell_of_rounding(comparison, common);
   print_result(common, comparison_json(comparison, arguments.settings, layout),
                comparison_text(comparison, arguments.settings.bins));
 }

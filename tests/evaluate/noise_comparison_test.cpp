@@ -7,55 +7,17 @@
 #include <cmath>
 #include <limits>
 
-#include <fmt/format.h>
+#include "noise_frames.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
-struct Noise {
-  double sd = 4, sd_row = 0, sd_column = 0, slope = 0, mean = 0;
-  int row_group = 1;
-  double row_decay = 0;  ///< of a first-order autoregressive series of rows
-  bool rounded = false;
-};
-
-constexpr int kRows = 96, kCols = 128;
-
-// A ramp from 0 to 1270 DN, or darkness.
-Image ramp(bool dark = false) {
-  Image clean(kRows, kCols);
-  for (int r = 0; r < kRows; ++r)
-    for (int c = 0; c < kCols; ++c) clean(r, c) = dark ? 0.0f : 10.0f * static_cast<float>(c);
-  return clean;
-}
-
-NoiseFrames frames_of(const Image& clean, const Noise& noise, int count, std::uint64_t seed) {
-  return {count, [=](int k) {
-            const auto frame_number = static_cast<std::uint32_t>(k);
-            RandomSequence pixels(seed, frame_number, Draw::kPixel);
-            RandomSequence rows(seed, frame_number, Draw::kRow);
-            RandomSequence columns(seed, frame_number, Draw::kOther);
-            Image frame = clean;
-            std::vector<double> column(kCols);
-            for (double& v : column) v = noise.sd_column * columns.normal();
-            double row = 0;
-            for (int r = 0; r < kRows; ++r) {
-              if (r % noise.row_group == 0)
-                row = noise.row_decay * row + noise.sd_row *
-                                                  std::sqrt(1 - noise.row_decay * noise.row_decay) *
-                                                  rows.normal();
-              for (int c = 0; c < kCols; ++c) {
-                const double variance = noise.sd * noise.sd + noise.slope * clean(r, c);
-                double v = clean(r, c) + noise.mean + row + column[static_cast<std::size_t>(c)] +
-                           std::sqrt(variance) * pixels.normal();
-                if (noise.rounded) v = std::round(v);
-                frame(r, c) = static_cast<float>(v);
-              }
-            }
-            return frame;
-          }};
-}
+using testing::frames_of;
+using testing::kCols;
+using testing::kRows;
+using testing::Noise;
+using testing::ramp;
 
 // A ramp of 0 to 1270 DN in every frame, of which uniform noise knows nothing; and none.
 TEST(CompareNoise, WhatFramesHaveInCommonIsTheirCorrelation) {
@@ -184,42 +146,6 @@ TEST(CompareNoise, DivergenceOfGaussiansIsTheClosedForm) {
   EXPECT_NEAR(result.pooled.kld_nats, std::log(0.8) + 25.0 / 32 - 0.5, 0.003);
 }
 
-TEST(CompareNoise, WholeNumbersGetWholeNumberBins) {
-  const Image dark = ramp(true);
-  const Noise noise{.sd = 20, .rounded = true};
-  NoiseComparisonSettings settings;
-  settings.bins = 100;
-  const auto result = compare_noise(frames_of(dark, noise, 3, 1), frames_of(dark, noise, 3, 2),
-                                    std::nullopt, SensorLayout::named("mono"), settings);
-  EXPECT_EQ(result.pooled.bin_width_dn, std::round(result.pooled.bin_width_dn));
-  EXPECT_GE(result.pooled.bin_width_dn, 2);
-  EXPECT_LT(result.pooled.sqrt_jsd, 1.5 * result.pooled.sqrt_jsd_floor);
-}
-
-// A camera's codes and the same noise before it was rounded: counted in whole steps with edges
-// midway between the codes they are equal, however narrow they are.
-TEST(CompareNoise, CodesAndUnroundedNoiseAreCompared) {
-  const Image dark = ramp(true);
-  for (const double sd : {0.6, 3.0}) {
-    const NoiseFrames codes = frames_of(dark, {.sd = sd, .rounded = true}, 4, 1),
-                      floats = frames_of(dark, {.sd = sd}, 4, 2);
-    for (const bool turned : {false, true}) {
-      const auto result = compare_noise(turned ? floats : codes, turned ? codes : floats,
-                                        std::nullopt, SensorLayout::named("mono"), {});
-      EXPECT_LT(result.pooled.sqrt_jsd, 2 * result.pooled.sqrt_jsd_floor) << sd << turned;
-    }
-  }
-}
-
-// A constant set is no camera's codes: bins of whole steps would call noise of 0.02 DN the same.
-TEST(CompareNoise, AConstantSetIsNotRounded) {
-  const Image dark = ramp(true);
-  const auto result =
-      compare_noise(frames_of(dark, {.sd = 0}, 4, 1), frames_of(dark, {.sd = 0.02}, 4, 2),
-                    std::nullopt, SensorLayout::named("mono"), {});
-  EXPECT_GT(result.pooled.sqrt_jsd, 0.5);
-}
-
 // White rows have the variance of a row's mean in every band; a first-order autoregressive series
 // has the spectrum (1 - a²) / |1 - a exp(-iw)|². Six frequencies of 96 rows a band and 60 frames: 5
 // % standard error; four of them, and the bands' own curvature.
@@ -286,43 +212,6 @@ TEST(CompareNoise, FixedPatternIsRemovedWithTheVarianceKept) {
   EXPECT_NEAR(result.reference.sd_dn[0], 4, 0.05);
   EXPECT_NEAR(result.test.sd_dn[0], 4, 0.05);
   EXPECT_LT(result.pooled.sqrt_jsd, 1.5 * result.pooled.sqrt_jsd_floor);
-}
-
-// Frames less a mean of n mix n frames' noise and, as whole numbers, are multiples of 1/n: combs
-// whose teeth other counts lack, and so are few pixels' teeth of one count. Noise below the step is
-// not normal, and mixtures come nearer.
-TEST(CompareNoise, SetsOfAnyCountsWithoutTheirPatternAreTheSameNoise) {
-  NoiseComparisonSettings settings;
-  settings.remove_fixed_pattern = true;
-  const auto mono = SensorLayout::named("mono");
-  struct Case {
-    int first = 0, second = 0;
-    double sd = 3;  // in steps
-    float step_dn = 1, black_dn = 0;
-  };
-  const auto set = [](const Case& of, int count, std::uint64_t seed) {
-    const auto codes = frames_of(ramp(true), {.sd = of.sd, .rounded = true}, count, seed);
-    return NoiseFrames{count, [=](int k) {
-                         Image frame = codes.load(k);
-                         for (float& v : frame.values()) v = of.step_dn * v - of.black_dn;
-                         return frame;
-                       }};
-  };
-  for (const Case& c : {Case{10, 40}, Case{2, 40}, Case{25, 20, 0.4}, Case{40, 40, 0.4},
-                        Case{10, 40, 0.4, 1, 82.3f}, Case{10, 40, 3, 16}}) {
-    const auto result =
-        compare_noise(set(c, c.first, 1), set(c, c.second, 2), std::nullopt, mono, settings);
-    const auto named = fmt::format("{} and {} frames, sd {} of {} DN, black {}", c.first, c.second,
-                                   c.sd, c.step_dn, c.black_dn);
-    EXPECT_LT(result.pooled.sqrt_jsd, 1.5 * result.pooled.sqrt_jsd_floor) << named;
-    EXPECT_EQ(result.pooled.test_samples, std::int64_t{c.second} * kRows * kCols) << named;
-    for (const NoiseDistance& level : result.levels)
-      EXPECT_LT(level.sqrt_jsd, 2 * level.sqrt_jsd_floor) << named << " " << level.signal_dn;
-    EXPECT_NEAR(result.test.between_frames, -1.0 / (c.second - 1), 0.01) << named;
-  }
-  const auto louder =
-      compare_noise(set({}, 10, 1), set({.sd = 3.3}, 20, 2), std::nullopt, mono, settings);
-  EXPECT_GT(louder.pooled.sqrt_jsd, 3 * louder.pooled.sqrt_jsd_floor);
 }
 
 TEST(CompareNoise, BadSetsAreRefused) {

@@ -369,3 +369,20 @@ def test_endings_that_cannot_hold_the_results_are_refused_before_the_work(misuse
         assert "--format png: PNG holds no floating-point values" in misused(*command, *model, "--float", "--format", "png")
         assert "--format exr: EXR holds no 8 or 16 bit integers" in misused(*command, *model, "--format", "exr")
     assert not (tmp_path / "out").exists()
+
+
+def test_noise_that_was_never_rounded_is_counted_as_the_codes_beside_it(malus, tmp_path):
+    """Twelve bits in the upper bits of sixteen: a step is 16 DN, and bins of 1 DN are a comb over it."""
+    rng = np.random.default_rng(5)
+    light = rng.normal(60, 0.4, (3, 96, 96))
+    np.save(tmp_path / "codes.npy", (16 * np.round(light[0])).astype(np.uint16))
+    np.save(tmp_path / "floats.npy", (16 * light[1]).astype(np.float32))
+    np.save(tmp_path / "wide.npy", (16 * (60 + 5 * (light[2] - 60))).astype(np.float32))
+    compare = ["evaluate", "--noise", "--layout", "mono", "--black", 0, "--reference", tmp_path / "codes.npy", "--json", "--test"]
+    compared = malus(*compare, tmp_path / "floats.npy")
+    assert compared.json["rounded_to_steps_dn"] == {"reference": 0, "test": 16}
+    assert compared.json["pooled"]["sqrt_jsd"] < 0.05
+    told, = compared.err.splitlines()
+    assert "warning: the tests' frames are not in steps of 16 DN" in told and "a noise of 6.5 DN" in told
+    wide = malus(*compare, tmp_path / "wide.npy")
+    assert "not in steps of 16 DN" in wide.err and "warning" not in wide.err

@@ -7,13 +7,13 @@
 #include "malus/evaluate/divergence.h"
 #include "malus/evaluate/image_metrics.h"
 #include "malus/evaluate/internal/common_offsets.h"
+#include "malus/evaluate/internal/compared_frames.h"
 #include "malus/evaluate/noise_structure.h"
-#include "malus/image/frame_statistics.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <memory>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -32,123 +32,6 @@ struct Bins {
     return static_cast<std::size_t>(std::clamp(i, 0.0, count - 1.0));
   }
   double centre(int i) const { return low + (i + 0.5) * width; }
-};
-
-Image minus(const Image& frame, const Image& clean, float scale = 1) {
-  Image noise(frame.rows(), frame.cols());
-  for (std::size_t i = 0; i < noise.size(); ++i)
-    noise.values()[i] = scale * (frame.values()[i] - clean.values()[i]);
-  return noise;
-}
-
-// The same frames; one of another size than the first that was loaded is refused.
-NoiseFrames of_one_size(NoiseFrames set, const char* name) {
-  struct Size {
-    int rows = 0, cols = 0;
-  };
-  set.load = [load = set.load, name, size = std::make_shared<Size>()](int k) {
-    Image frame = load(k);
-    if (size->rows == 0) *size = {frame.rows(), frame.cols()};
-    if (frame.rows() != size->rows || frame.cols() != size->cols)
-      throw InputError(name,
-                       fmt::format("frame {} has {} x {} pixels, others {} x {}", k, frame.cols(),
-                                   frame.rows(), size->cols, size->rows),
-                       "compare frames of one size");
-    return frame;
-  };
-  return set;
-}
-
-Image mean_frame(const NoiseFrames& set, int first, int count, Progress& progress) {
-  std::vector<double> sum;
-  Image mean;
-  for (int k = 0; k < count; ++k) {
-    check_stop(progress);
-    const Image frame = set.load(first + k);
-    if (k == 0) mean = Image(frame.rows(), frame.cols()), sum.resize(frame.size());
-    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += frame.values()[i];
-  }
-  for (std::size_t i = 0; i < sum.size(); ++i)
-    mean.values()[i] = static_cast<float>(sum[i] / count);
-  return mean;
-}
-
-// The converter's step [DN], of which two frames of one camera differ by multiples, whatever their
-// black level; 0 of fractional pixels.
-double step_between(const Image& a, const Image& b) {
-  constexpr float kRounding = 0.01f;  // of single precision, where the black level is not whole
-  Image difference = minus(a, b);
-  for (float& v : difference.values())
-    if (const float whole = std::round(v); std::abs(v - whole) < kRounding) v = whole;
-  const Estimate<ValueGrid> grid = value_grid(difference);
-  return grid ? grid->step : 0.0;
-}
-
-// What frames are compared with: noise is scale (frame - base). Both empty where the scene is
-// uniform.
-struct Ground {
-  Image base, signal;  // signal sets the level
-  float scale = 1;
-  Image noise_of(Image frame) const {
-    return base.empty() ? std::move(frame) : minus(frame, base, scale);
-  }
-};
-
-// One side: its frames and their grounds.
-class NoiseSource {
- public:
-  // group: frames whose mean is the fixed pattern that the histograms go without, no more than
-  // there are; 0: it is not removed.
-  NoiseSource(const NoiseFrames& set, const std::optional<Image>& clean, int group,
-              const char* name, Progress& progress)
-      : set_(of_one_size(set, name)), clean_(clean), group_(group), name_(name) {
-    if (group_ == 0)
-      whole_ = {clean.value_or(Image()), clean.value_or(Image())};
-    else
-      whole_ = mean_ground(0, set_.count, progress);
-  }
-  int count() const { return set_.count; }
-
-  Image frame(int k) const {
-    Image frame = set_.load(k);
-    // A mean frame has the frames' size; the clean picture may not.
-    if (clean_ && (frame.rows() != clean_->rows() || frame.cols() != clean_->cols()))
-      throw InputError(name_,
-                       fmt::format("frame {} has {} x {} pixels, the clean picture {} x {}", k,
-                                   frame.cols(), frame.rows(), clean_->cols(), clean_->rows()),
-                       "use frames of one size and their clean picture");
-    return frame;
-  }
-
-  double step_dn() const { return step_between(frame(0), frame(1)); }
-
-  /// Of all frames.
-  const Ground& whole() const { return whole_; }
-
-  /// Of the group that frame k is in; the last group reaches back where the count is no multiple.
-  const Ground& of_group(int k, Progress& progress) {
-    if (group_ == 0 || group_ == set_.count) return whole_;
-    const int first = std::min(k / group_ * group_, set_.count - group_);
-    if (first != first_) of_group_ = mean_ground(first, group_, progress);
-    first_ = first;
-    return of_group_;
-  }
-
- private:
-  Ground mean_ground(int first, int count, Progress& progress) const {
-    Image mean = mean_frame(set_, first, count, progress);
-    // The mean holds 1/n of each frame's own noise; this gives the residual its variance back.
-    const auto scale = static_cast<float>(std::sqrt(count / (count - 1.0)));
-    Image signal = clean_ ? *clean_ : mean;
-    return {std::move(mean), std::move(signal), scale};
-  }
-
-  NoiseFrames set_;
-  const std::optional<Image>& clean_;
-  int group_;
-  const char* name_;
-  Ground whole_, of_group_;
-  int first_ = -1;  // frame of of_group_
 };
 
 void require_frames(const NoiseFrames& set, bool remove_fixed_pattern, const char* name) {
@@ -175,10 +58,6 @@ Bins levels_of(const Image& signal, int count) {
 struct MomentsByLevel {
   std::vector<Moments> noise;
   Moments signal;
-  bool whole_numbers = true;
-
-  // One value alone is no sign of rounding.
-  bool shows_codes() const { return whole_numbers && noise.back().variance() > 0; }
 };
 
 MomentsByLevel moments_of(const Image& noise, const Image& signal, const Bins& levels) {
@@ -190,26 +69,62 @@ MomentsByLevel moments_of(const Image& noise, const Image& signal, const Bins& l
     result.noise[levels.of(s)].add(x);
     result.noise.back().add(x);
     result.signal.add(s);
-    result.whole_numbers = result.whole_numbers && x == std::floor(x);
   }
   return result;
 }
 
-// Values are multiples of the `parts`-th of this unit. 0: of nothing.
+// Values are offset + n unit / parts. 0: they are no such numbers.
 struct Lattice {
   double unit = 0;
   int parts = 1;
+  double offset = 0;
 };
 
-// Whole numbers: where one side is rounded, the other is counted as if it were, too; bins of
-// another width are a comb over the codes. Less their mean, they are multiples of a step's n-th of
-// which a pixel has one in every step.
-Lattice lattice_of(const NoiseSource& a, const NoiseSource& b, const Ground& ground, int group,
-                   const MomentsByLevel& of_a, const MomentsByLevel& of_b) {
-  if (group == 0) return {of_a.shows_codes() || of_b.shows_codes() ? 1.0 : 0.0};
-  const double step_a = a.step_dn(), step_b = b.step_dn();
-  if (!(step_a > 0 && step_b > 0)) return {};
-  return {std::max(step_a, step_b) * static_cast<double>(ground.scale), group};
+// The codes that all pixels of one frame's noise have in common; none where black levels or the
+// clean scene moved them apart.
+std::optional<Lattice> common_lattice(const Image& noise, double step_dn) {
+  constexpr double kRounding = 0.01;                     // of single precision
+  constexpr double kLooseFrom = 16, kLoosely = 1.0 / 8;  // as of a loose ValueGrid
+  const double most = step_dn >= kLooseFrom ? kLoosely * step_dn : kRounding;
+  std::optional<Lattice> lattice;
+  for (const double x : noise.values()) {
+    if (!std::isfinite(x)) continue;
+    if (!lattice) lattice = Lattice{step_dn, 1, x};
+    const double steps = (x - lattice->offset) / step_dn;
+    if (step_dn * std::abs(steps - std::round(steps)) > most) return std::nullopt;
+  }
+  return lattice;
+}
+
+// Frames of one side in codes, and how the other's are counted beside them.
+struct CommonCodes {
+  double step_dn = 0;  // 0: neither side is in codes
+  double reference_rounded_dn = 0, test_rounded_dn = 0;
+};
+
+// Where one side is in codes, the other is rounded as they are: what a step hides in the one is
+// hidden in both.
+CommonCodes take_common_codes(ComparedFrames& reference, ComparedFrames& test) {
+  const double of_reference = reference.step_dn(), of_test = test.step_dn();
+  CommonCodes codes{std::max(of_reference, of_test)};
+  if (of_reference < codes.step_dn) {
+    reference.round_to(test.frame(0), codes.step_dn);
+    codes.reference_rounded_dn = codes.step_dn;
+  } else if (of_test < codes.step_dn) {
+    test.round_to(reference.frame(0), codes.step_dn);
+    codes.test_rounded_dn = codes.step_dn;
+  }
+  return codes;
+}
+
+// Bins of another width than whole steps are a comb over the codes. Less their mean, codes are
+// multiples of a step's n-th of which a pixel has one in every step.
+Lattice lattice_of(double step_dn, const NoiseGround& ground, int group, const Image& noise_a,
+                   const Image& noise_b) {
+  if (!(step_dn > 0)) return {};
+  if (group > 0) return {step_dn * static_cast<double>(ground.scale), group};
+  const std::optional<Lattice> of_a = common_lattice(noise_a, step_dn);
+  return of_a ? *of_a : common_lattice(noise_b, step_dn).value_or(Lattice{});
 }
 
 Bins bins_of(const Moments& a, const Moments& b, const Lattice& lattice, int count) {
@@ -222,7 +137,7 @@ Bins bins_of(const Moments& a, const Moments& b, const Lattice& lattice, int cou
     // A bin holds the same number of values everywhere, or the histogram is a comb; no value lies
     // on an edge, and edges lie midway between whole numbers, for floats that are compared.
     const double beside = lattice.parts > 1 ? 0.25 / lattice.parts : 0;
-    low = unit * (std::floor(low / unit) - 0.5 - beside);
+    low = lattice.offset + unit * (std::floor((low - lattice.offset) / unit) - 0.5 - beside);
     return {low, unit * std::ceil(std::max((high - low) / unit, 1.0) / count), count};
   }
   if (!(high > low)) low -= 0.5, high += 0.5;
@@ -238,7 +153,7 @@ std::vector<Bins> bins_of_levels(const MomentsByLevel& a, const MomentsByLevel& 
 }
 
 // Histograms of one side: one per level and one of all samples, and what these have in common.
-std::vector<Counts> histograms_of(NoiseSource& source, const Bins& levels,
+std::vector<Counts> histograms_of(ComparedFrames& source, const Bins& levels,
                                   const std::vector<Bins>& bins, StructureSums& structure,
                                   CommonOffsets& offsets, Progress& progress) {
   std::vector<Counts> counts;
@@ -246,12 +161,9 @@ std::vector<Counts> histograms_of(NoiseSource& source, const Bins& levels,
   for (int k = 0; k < source.count(); ++k) {
     check_stop(progress);
     const Image frame = source.frame(k);
-    const Ground& ground = source.of_group(k, progress);
-    const Image noise = ground.noise_of(frame);
-    if (&ground == &source.whole())
-      structure.add(noise);
-    else
-      structure.add(source.whole().noise_of(frame));
+    const NoiseGround& ground = source.of_group(k, progress);
+    const Image noise = ground.noise_of(source.counted(frame));
+    structure.add(source.whole().noise_of(frame));
     for (std::size_t i = 0; i < noise.size(); ++i) {
       const double x = noise.values()[i];
       const double s = ground.signal.empty() ? 0.0 : ground.signal.values()[i];
@@ -297,6 +209,11 @@ void require_one_size(const Image& reference, const Image& test) {
                    "compare frames of one size");
 }
 
+void require_finite(const MomentsByLevel& a, const MomentsByLevel& b) {
+  if (a.signal.count() < 2 || b.signal.count() < 2)
+    throw InputError("the frames", "hold no finite pixels", "check what was written into them");
+}
+
 }  // namespace
 
 NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& test,
@@ -308,28 +225,30 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   // A frame less the mean of n is a mixture of n frames' noise: one distribution on both sides only
   // if n is the same.
   const int group = settings.remove_fixed_pattern ? std::min(reference.count, test.count) : 0;
-  NoiseSource a(reference, clean_dn, group, "the reference frames", progress);
-  NoiseSource b(test, clean_dn, group, "the test frames", progress);
-  const Ground &ground_a = a.of_group(0, progress), &ground_b = b.of_group(0, progress);
-  const Image first_a = ground_a.noise_of(a.frame(0)), first_b = ground_b.noise_of(b.frame(0));
-  require_one_size(first_a, first_b);
+  ComparedFrames a(reference, clean_dn, group, "the reference frames", progress);
+  ComparedFrames b(test, clean_dn, group, "the test frames", progress);
+  require_one_size(a.frame(0), b.frame(0));
+  const CommonCodes codes = take_common_codes(a, b);
+  const NoiseGround &ground_a = a.of_group(0, progress), &ground_b = b.of_group(0, progress);
+  const Image first_a = ground_a.noise_of(a.counted(a.frame(0))),
+              first_b = ground_b.noise_of(b.counted(b.frame(0)));
   const bool uniform = ground_a.signal.empty();  // one level, the same as pooled
   const Bins levels = uniform ? Bins{} : levels_of(ground_a.signal, settings.levels);
   const MomentsByLevel moments_a = moments_of(first_a, ground_a.signal, levels);
   const MomentsByLevel moments_b = moments_of(first_b, ground_b.signal, levels);
-  if (moments_a.signal.count() < 2 || moments_b.signal.count() < 2)
-    throw InputError("the frames", "hold no finite pixels", "check what was written into them");
-  const std::vector<Bins> bins = bins_of_levels(
-      moments_a, moments_b, lattice_of(a, b, ground_a, group, moments_a, moments_b), settings.bins);
-
+  require_finite(moments_a, moments_b);
+  const std::vector<Bins> bins =
+      bins_of_levels(moments_a, moments_b,
+                     lattice_of(codes.step_dn, ground_a, group, first_a, first_b), settings.bins);
   progress.begin("noise", a.count() + b.count());
   StructureSums structure_a(layout), structure_b(layout);
   CommonOffsets offsets_a(bins.size(), first_a.rows()), offsets_b = offsets_a;
   const auto counts_a = histograms_of(a, levels, bins, structure_a, offsets_a, progress);
   const auto counts_b = histograms_of(b, levels, bins, structure_b, offsets_b, progress);
   NoiseComparison result;
-  result.reference = structure_a.result();
-  result.test = structure_b.result();
+  result.reference_rounded_dn = codes.reference_rounded_dn;
+  result.test_rounded_dn = codes.test_rounded_dn;
+  result.reference = structure_a.result(), result.test = structure_b.result();
   // Frames less their own mean have none that they do not share in the mean.
   const auto of_offsets = [&](std::size_t k) {
     if (group > 0) return 0.0;

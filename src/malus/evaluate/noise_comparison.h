@@ -77,7 +77,11 @@ struct NoiseComparison {
   NoiseDistance pooled;
   std::vector<NoiseDistance> levels;  ///< those with kEnoughSamples on both sides; rising signal
   int levels_left_out = 0;
-  NoiseStructure reference, test;
+  NoiseStructure reference, test;  ///< of the frames as they are
+  /// Step of the other side's codes [DN], to which this side's frames were rounded for the
+  /// divergences; 0: they are as they were. Beside codes, noise that was never rounded would differ
+  /// by what the converter's step hides, which says nothing of the noise.
+  double reference_rounded_dn = 0, test_rounded_dn = 0;
 };
 inline constexpr std::int64_t kEnoughSamples = 1000;
 
@@ -85,12 +89,14 @@ inline constexpr std::int64_t kEnoughSamples = 1000;
 /// frames of a uniform scene (dark, flat), whose values are compared as they are, biases included,
 /// and pooled only.
 /// Levels divide the clean signal evenly between its 0.5 and 99.5 percentiles. Bins divide +-6
-/// standard deviations of a level's reference noise (and the test's, if larger) evenly; frames of
-/// whole numbers get whole-number bins. Where the fixed pattern is removed, the divergences are of
-/// frames less the mean of as many in a row as the smaller set has, which is their level without
-/// clean_dn; the structure is of frames less their set's mean. Samples beyond go to the outermost
-/// bins; pixels that are not finite are left out. Throws InputError when sizes differ, a set is
-/// empty, remove_fixed_pattern has fewer than two frames, or a setting is out of its range.
+/// standard deviations of a level's reference noise (and the test's, if larger) evenly;
+/// frames of codes get bins of whole steps, and frames that are none, or of a finer step, are
+/// rounded to the other side's codes first, pixel by pixel. Where the fixed pattern is removed, the
+/// divergences are of frames less the mean of as many in a row as the smaller set has, which is
+/// their level without clean_dn; the structure is of frames less their set's mean. Samples beyond
+/// go to the outermost bins; pixels that are not finite are left out. Throws InputError when sizes
+/// differ, a set is empty, remove_fixed_pattern has fewer than two frames, or a setting is out of
+/// its range.
 NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& test,
                               const std::optional<Image>& clean_dn, const SensorLayout& layout,
                               const NoiseComparisonSettings& settings,

@@ -1,5 +1,6 @@
 set(evaluate_SOURCES
   common_offsets.cpp
+  compared_frames.cpp
   divergence.cpp
   evaluation.cpp
   image_metrics.cpp
