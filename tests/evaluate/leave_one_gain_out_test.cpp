@@ -66,6 +66,18 @@ TEST(LeaveOneGainOut, DivergenceOfNearlyEqualGaussians) {
   EXPECT_NEAR(gains[2].sqrt_jsd, kShare / std::sqrt(4 * std::log(2.0)), 0.05 * kShare);
 }
 
+// Of a millionth of the noise: fifteen million steps a side took minutes, and more did not fit.
+TEST(LeaveOneGainOut, StepsFarBelowTheNoiseAreAsNone) {
+  NoiseModel model = model_of({0, 6, 12, 18, 24});
+  model.physics[2].sigma_tl.mean[0] /= 1.05;
+  model.quantization_dn = 0;
+  const double without = leave_one_gain_out_physics(model)[2].sqrt_jsd;
+  for (const double step_dn : {1e-6, 1e-12, 1e-300}) {
+    model.quantization_dn = step_dn;
+    EXPECT_NEAR(leave_one_gain_out_physics(model)[2].sqrt_jsd, without, 0.02 * without) << step_dn;
+  }
+}
+
 // The published A7S2: both conversion gains found; medians of the table in docs/model-file.md.
 TEST(LeaveOneGainOut, SonyA7S2) {
   const auto gains = leave_one_gain_out_physics(load_model("sony-a7s2"));

@@ -32,10 +32,10 @@ double worst_error(const Values& predicted, const Values& measured) {
 // sqrt(JSD) of two Tukey-lambda laws of mean 0 as a converter with this step writes them.
 double read_distance(double lambda_a, double sigma_a, double lambda_b, double sigma_b,
                      double step_dn) {
-  constexpr double kReach = 15;  // in standard deviations
+  constexpr double kReach = 15, kFinest = 1e-2;  // in standard deviations; finer steps add nothing
   const double sd = std::max(tukey_lambda_deviation(sigma_a, lambda_a),
                              tukey_lambda_deviation(sigma_b, lambda_b));
-  const double step = step_dn > 0 ? step_dn : sd / 8;
+  const double step = step_dn > 0 ? std::max(step_dn, kFinest * sd) : sd / 8;
   const auto half = static_cast<int>(std::ceil(kReach * sd / step));
   Values a, b;
   double below_a = 0, below_b = 0;
