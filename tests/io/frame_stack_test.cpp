@@ -217,7 +217,8 @@ TEST(FrameStack, ImagesWithoutAPageAreRefused) {
                        "it holds 8 images of tifffile, but one page");
   // The second: a frame that somebody cut out of a stack.
   for (const char* text : {R"({"shape": [1, 1, 2], "truncated": true})", R"({"shape": [8, 1, 2]})",
-                           R"({"truncated": true, "shape": {"a": "b"}})", "{", "{}",
+                           R"({"truncated": true, "shape": {"a": "b"}})",
+                           R"({"truncated": true, "shape": [1e300, 1e300, 0]})", "{", "{}",
                            "ImageJ=1.53t\nimages=1\n", "ImageJ=1.53t\n", "a\nimages=2", "x"})
     EXPECT_EQ(load_frame(with_description(text)).dn.values(), (std::vector<float>{'a', 'b'}));
 }

@@ -80,7 +80,8 @@ long images_of_tifffile(const std::string& description, const PageKind& page) {
     values *= extent.is_number() ? extent.get<double>() : 1.0;
   const double of_page = static_cast<double>(page.cols) * static_cast<double>(page.rows) *
                          static_cast<double>(page.samples);
-  return static_cast<long>(std::clamp(values / of_page, 0.0, 1e9));
+  // A shape with 0 beside infinity is no number.
+  return values > of_page ? static_cast<long>(std::min(values / of_page, 1e9)) : 1;
 }
 
 // One page whose description tells of more: the others would be lost without a word.
