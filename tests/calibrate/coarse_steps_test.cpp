@@ -67,5 +67,30 @@ TEST(ColumnNoise, MakesNoFrameOneOfAnotherGain) {
   }
 }
 
+testing::SimulatedCamera hidden_camera(double read_dn) {
+  testing::SimulatedCamera camera = testing::mono_camera(0.1, 0.1349, read_dn, 0, 20);
+  camera.rows = camera.cols = 96;
+  camera.white_dn = 1023;
+  return camera;
+}
+
+// An upper limit as noise smoothed frames that hardly have any, and its error was stated as if such
+// noise dithered the step. Lit frames hold what the dark point says.
+TEST(CoarseSteps, NoiseThatIsNotKnownIsNoUpperLimitToADenoiser) {
+  testing::SimulatedCamera camera = hidden_camera(0.12);
+  camera.gains[0].noise.channels[0].mu_dn = 0.2;
+  const NoiseModel model = testing::calibrated(camera);
+  const PhysicsCalibration& p = model.physics.at(0);
+  ASSERT_TRUE(std::isnan(p.sigma_tl.standard_error[0]));
+  const double dark_dn2 = model.profile_at(p.gain).channels[0].variance(0);
+  EXPECT_NEAR(dark_dn2, p.dark_point_dn2[0], 1e-6);
+  EXPECT_LT(dark_dn2, 0.2);  // the limit: 0.24
+}
+
+// Dark frames of one code tell no step: rounding had no part in what is stated of lit frames.
+TEST(CoarseSteps, OfDarkFramesOfOneCodeAreThoseOfFlats) {
+  EXPECT_EQ(testing::calibrated(hidden_camera(0.02)).quantization_dn, 1.0);
+}
+
 }  // namespace
 }  // namespace malus

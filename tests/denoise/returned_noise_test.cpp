@@ -28,12 +28,14 @@ Image unit_noise_of(std::uint64_t seed) {
 }
 
 // Of an estimate of 0 that states 0.1.
-Image returned_of(const Image& samples, float variance = 1, float uncut = 1e5f) {
+Image returned_of(const Image& samples, float variance = 1, float uncut = 1e5f,
+                  bool hidden = false) {
   const SensorLayout layout = SensorLayout::named("polar-mono");
   Image error(samples.rows(), samples.cols(), 0.1f);
   internal::state_returned_noise(
       source_of(samples, layout),
-      {std::vector<float>(4, uncut), [=](std::size_t, float) { return variance; }},
+      {std::vector<float>(4, uncut), [=](std::size_t, float) { return variance; },
+       [=](std::size_t, float) { return hidden; }},
       Image(samples.rows(), samples.cols()), error);
   return error;
 }
@@ -61,7 +63,7 @@ TEST(ReturnedNoise, OfWhatWasFilteredNothingIsStated) {
 TEST(ReturnedNoise, WhereNoiseIsCutOffOrHiddenNothingIsConcluded) {
   const Image samples(kReturnedSize, kReturnedSize);
   expect_everywhere(returned_of(samples, 1, -0.1f), 0.1);
-  expect_everywhere(returned_of(samples, 0), 0.1);
+  expect_everywhere(returned_of(samples, 1, 1e5f, true), 0.1);
 }
 
 // White texture of ten deviations of the noise: the filter returns the frame. Before, 0.73 of the

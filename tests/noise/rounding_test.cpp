@@ -1,6 +1,8 @@
 // Truth: rounded Gaussian samples' means from the normal distribution's own integrals.
 #include "malus/noise/rounding.h"
 
+#include "malus/base/random.h"
+
 #include <cmath>
 #include <numbers>
 
@@ -38,6 +40,27 @@ TEST(Rounding, HasItsLimits) {
   EXPECT_DOUBLE_EQ(undithered_variance(2, 0), 4.0 / 12);
   EXPECT_NEAR(undithered_variance(1, 1.01e-4) * 12, 1, 0.08);  // the sum meets the closed form
   EXPECT_LT(undithered_variance(1, 0.25), 1e-5);
+}
+
+// Steps so fine that rounding adds its step²/12 everywhere; a step that hides the noise: next to
+// none on a code, a quarter between two; and in between against drawn samples (five of their
+// errors).
+TEST(Rounding, GivesSamplesTheirVariance) {
+  for (const double offset : {0.0, 0.3, -1.5})
+    EXPECT_NEAR(rounded_variance(1, offset, 4), 4 + 1.0 / 12, 1e-9);
+  EXPECT_LT(rounded_variance(2, 4.0, 0.01), 1e-9);
+  EXPECT_NEAR(rounded_variance(2, 5.0, 0.01), 1, 1e-9);
+  for (const double offset : {0.1, 0.4, 7.6}) {
+    constexpr int kSamples = 40'000;
+    RandomSequence random(5, 0, Draw::kOther);
+    double sum = 0, squares = 0;
+    for (int i = 0; i < kSamples; ++i) {
+      const double code = std::round(offset + 0.25 * random.normal());
+      sum += code / kSamples;
+      squares += code * code / kSamples;
+    }
+    EXPECT_NEAR(rounded_variance(1, offset, 0.0625), squares - sum * sum, 0.012) << offset;
+  }
 }
 
 }  // namespace

@@ -272,6 +272,17 @@ void warn_of_own_black(const RawFrame& own, const RawFrame& first, PhysicsCalibr
       black, mean_of(first.black_dn)));
 }
 
+// Gain that a camera makes by multiplying has wider steps. Dark frames whose noise the step hides
+// may hold one code alone, which tells no step: flats do.
+double step_of(const GainPlan& plan, const RawFrame& dark) {
+  const double step = quantization_step(dark.dn);
+  const auto& pixels = dark.dn.values();
+  const bool one_code =
+      std::all_of(pixels.begin(), pixels.end(), [&](float dn) { return dn == pixels.front(); });
+  if (step > 0 || plan.flats.empty() || !one_code) return step;
+  return quantization_step(plan.flats.front()->load(0).dn);
+}
+
 // The sensor's step is the smallest of its gains'. steps_dn: one per gain of the model, 0 where
 // frames are not made of whole numbers or all alike.
 void settle_step(const std::vector<double>& steps_dn, NoiseModel& model) {
@@ -346,8 +357,7 @@ CalibratedPhysics physics_with_format(const CalibrationInput& input,
       continue;
     }
     const RawFrame own_first = load_first(*plan.bias);
-    // Gain that a camera makes by multiplying has wider steps.
-    steps_dn.push_back(quantization_step(own_first.dn));
+    steps_dn.push_back(step_of(plan, own_first));
     if (model.physics.empty()) {
       first = own_first;
       settle_levels(plans, first, model, progress);

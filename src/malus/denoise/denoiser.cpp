@@ -50,13 +50,27 @@ double undithered(const NoiseProfile& profile, double variance_dn2) {
   return undithered_variance(profile.step_dn, std::max(variance_dn2 - rounding, 0.0));
 }
 
-// Where that is this share of the variance, a step hides so much of the noise that residuals tell
-// nothing.
+// Where that is this share of the variance, a step hides the noise: residuals do not tell of
+// errors.
 constexpr double kMostUndithered = 0.01;
 
 bool hides_noise(const NoiseProfile& profile, const ChannelProfile& channel, double dn) {
   const double variance_dn2 = channel.variance(dn);
   return undithered(profile, variance_dn2) > kMostUndithered * variance_dn2;
+}
+
+// Of the noise that the profile tells, what a step that hides it lets samples of this light show:
+// least where the light is a code. White, as frames count it, is one. The estimate that tells the
+// light is not sure, so half is taken to show anyway: without it print that lies on codes keeps
+// its noise, at nine tenths weaves are taken for print (docs/denoising-experiments.md, "Pixels that
+// are alike").
+double shown_share(const NoiseProfile& profile, const ChannelProfile& channel, double white_dn,
+                   double dn) {
+  constexpr double kAnyway = 0.5;
+  const double step = profile.step_dn, told_dn2 = channel.variance(dn),
+               own_dn2 = std::max(told_dn2 - step * step / 12, 1e-6 * step * step);
+  const double shown = std::min(rounded_variance(step, dn - white_dn, own_dn2) / told_dn2, 1.0);
+  return kAnyway + (1 - kAnyway) * shown;
 }
 
 // A lower bound of the noise variance of stabilised samples, never above what the filter was told.
@@ -72,13 +86,19 @@ internal::SampleNoise sure_noise(const std::vector<Stabilizer>& stabilizers,
   }
   const bool own = profile.estimated_from_picture;
   const double share = own ? 1 : sure_noise_share(result.noise), most = own ? kSureNoise : 1;
-  return {uncut, [&stabilizers, &profile, variances = std::move(variances),
-                  may_hide = std::move(may_hide), share, most](std::size_t channel, float mean) {
-            if (may_hide[channel] &&
-                hides_noise(profile, profile.channels[channel], stabilizers[channel].inverse(mean)))
-              return 0.0f;
-            return static_cast<float>(std::min(share * variances[channel].at(mean), most));
-          }};
+  const auto hides = [&stabilizers, &profile, may_hide](std::size_t channel, float mean) {
+    return may_hide[channel] &&
+           hides_noise(profile, profile.channels[channel], stabilizers[channel].inverse(mean));
+  };
+  const auto variance = [&stabilizers, &frame, &profile, hides, variances = std::move(variances),
+                         share, most](std::size_t k, float mean) {
+    const double told = std::min(share * variances[k].at(mean), most);
+    if (!hides(k, mean)) return static_cast<float>(told);
+    return static_cast<float>(told * shown_share(profile, profile.channels[k],
+                                                 frame.saturated_dn[k],
+                                                 stabilizers[k].inverse(mean)));
+  };
+  return {uncut, variance, hides};
 }
 
 // From the stabilised estimate and its error back to DN.

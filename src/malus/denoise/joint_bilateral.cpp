@@ -244,7 +244,7 @@ class Averaging {
         for (int c = group.col; c < group.col_end; ++c) {
           if (difference_(r, c) == 0) continue;
           estimate_(r, c) += shares.common * common + shares.unlike * (difference_(r, c) - common);
-          if (stated_.error && r >= stated_.begin && r < stated_.end)
+          if (stated_.error && r >= stated_.begin && r < stated_.end && !strip_.is_hidden(r, c))
             state_error(i, k, shares, left, (*stated_.error)(strip_.first_row + r, c));
         }
     });

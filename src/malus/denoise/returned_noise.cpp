@@ -37,9 +37,8 @@ CellSums sum_cells(const FrameSource& frame, const SampleNoise& noise, const Ima
       for (int c = 0; c < frame.cols; ++c) {
         const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
         const float value = estimate(r, c);
-        if (value > noise.uncut[channel]) continue;
+        if (value > noise.uncut[channel] || noise.hidden(channel, value)) continue;
         const float variance = noise.variance(channel, value);
-        if (!(variance > 0)) continue;
         const float rest = frame.pixel(r, c) - value;
         cells.rest(r / kCell, c / kCell) += rest * rest;
         cells.variance(r / kCell, c / kCell) += variance;
@@ -63,7 +62,7 @@ void state_returned_noise(const FrameSource& frame, const SampleNoise& noise, co
         if (!(rest < whole)) continue;
         const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
         const float value = estimate(r, c);
-        if (value > noise.uncut[channel]) continue;
+        if (value > noise.uncut[channel] || noise.hidden(channel, value)) continue;
         error(r, c) = std::max(error(r, c),
                                kOfReturned * (1 - rest / whole) * noise.variance(channel, value));
       }

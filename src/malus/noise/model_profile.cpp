@@ -6,10 +6,12 @@
 #include "malus/noise/level_noise.h"
 #include "malus/noise/model.h"
 #include "malus/noise/profile_parts.h"
+#include "malus/noise/rounding.h"
 
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <vector>
 
 namespace malus {
 namespace {
@@ -102,9 +104,30 @@ DefectList defects_of(const NoiseModel& model) {
   return list;
 }
 
+// Channels whose dark noise the converter's step hides and nothing tells: their σ_TL is an upper
+// limit. It becomes what the dark point says of lit frames, the middle of what is possible. Between
+// two gains the limit stays.
+void take_dark_points(const NoiseModel& model, const GainSetting& gain, PhysicsNoise& noise) {
+  const auto around = model.physics_around(gain);
+  if (around.size() != 1 || around.front()->dark_point_dn2.empty()) return;
+  const PhysicsCalibration& p = *around.front();
+  const double step2 = model.quantization_dn * model.quantization_dn;
+  for (std::size_t c = 0; c < noise.channels.size(); ++c) {
+    PhysicsChannel& channel = noise.channels[c];
+    const double shown_dn = p.temporal_sd_dark_dn[c], limit_dn2 = read_variance_dn2(channel);
+    if (std::isfinite(p.sigma_tl.standard_error[c]) || !(limit_dn2 > 0) ||
+        !(shown_dn * shown_dn < kLeastDarkVariance * step2))
+      continue;
+    const double rows_dn2 = channel.sigma_row_dn * channel.sigma_row_dn,
+                 lit_dn2 = p.dark_point_dn2[c] - rows_dn2 - step2 / 12;
+    channel.sigma_tl_dn *= std::sqrt(std::clamp(lit_dn2 / limit_dn2, 0.0, 1.0));
+  }
+}
+
 NoiseProfile profile_beside_columns(const NoiseModel& model, const GainSetting& gain,
                                     GainRange range) {
   PhysicsNoise noise = model.physics_at(gain, range);
+  take_dark_points(model, gain, noise);
   const std::vector<double> shares = column_noise_shares_at(model, gain);
   std::vector<double> sigma_column_dn;
   for (std::size_t c = 0; c < shares.size(); ++c) {
@@ -122,6 +145,7 @@ NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, Ga
                             const PhysicsParts& parts) {
   if (!model.physics.empty()) {
     PhysicsNoise noise = model.physics_at(gain, range);
+    take_dark_points(model, gain, noise);
     noise.parts = parts;
     return profile_of(noise);
   }

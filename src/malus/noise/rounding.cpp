@@ -20,4 +20,20 @@ double undithered_variance(double step_dn, double variance_dn2) {
   return step_dn * step_dn * sum;
 }
 
+double rounded_variance(double step_dn, double offset_dn, double variance_dn2) {
+  const double sd = std::sqrt(variance_dn2) / step_dn,
+               beside = std::remainder(offset_dn / step_dn, 1.0);
+  const auto below = [&](double code) {  // share of the samples below its upper edge
+    return 0.5 * std::erfc((beside - code - 0.5) / (std::sqrt(2.0) * sd));
+  };
+  const int reach = 1 + static_cast<int>(std::min(8 * sd, 1e4));
+  double mean = 0, square = 0;
+  for (int code = -reach; code <= reach; ++code) {
+    const double share = below(code) - below(code - 1);
+    mean += share * code;
+    square += share * code * code;
+  }
+  return (square - mean * mean) * step_dn * step_dn;
+}
+
 }  // namespace malus

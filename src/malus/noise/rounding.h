@@ -12,6 +12,11 @@ namespace malus {
 /// step_dn >= 0, variance_dn2 = σ² >= 0: of the noise before the converter.
 double undithered_variance(double step_dn, double variance_dn2);
 
+/// Variance of the rounded samples of a signal that lies offset_dn beside a code [DN²], for
+/// Gaussian noise of variance_dn2 = σ² > 0 before a converter with step_dn > 0: next to nothing on
+/// a code, up to step²/4 between two, where the step hides the noise.
+double rounded_variance(double step_dn, double offset_dn, double variance_dn2);
+
 /// Variance of dark pixels [step²] below which the step hides the noise: EMVA 1288 then states the
 /// noise of this limit, less the step²/12 of rounding.
 inline constexpr double kLeastDarkVariance = 0.24;

@@ -30,6 +30,10 @@ struct SampleNoise {
   std::vector<float> uncut;  ///< per channel: the noise is whole up to there; white cuts off others
   /// (channel, estimate): the variance that it has at least there, 1 where it is known.
   std::function<float(std::size_t, float)> variance;
+  /// (channel, estimate): the converter's step hides it there. Equal codes are no equal light, and
+  /// residuals do not tell of errors; none: nowhere.
+  std::function<bool(std::size_t, float)> hides = {};
+  bool hidden(std::size_t channel, float mean) const { return hides && hides(channel, mean); }
 };
 
 /// With its surroundings above and below. Its rows begin at a whole cell.
@@ -45,6 +49,7 @@ struct PixelStrip {
   /// Where white cuts the noise off the residual is less, whatever the estimate keeps.
   bool is_cut_off(int r, int c) const { return estimate(r, c) > noise.uncut[channel_at(r, c)]; }
   float variance(int r, int c) const { return noise.variance(channel_at(r, c), estimate(r, c)); }
+  bool is_hidden(int r, int c) const { return noise.hidden(channel_at(r, c), estimate(r, c)); }
   /// One value per cell, 0.
   Image cell_map() const { return Image(cell_count(rows()), cell_count(cols())); }
   int pixels_of(int i, int k) const {
