@@ -1,5 +1,6 @@
 // Bias frames of noise that is narrow for the converter's step, and of strong column noise.
 #include "malus/calibrate/calibrate.h"
+#include "malus/noise/profile_parts.h"
 
 #include <cmath>
 #include <vector>
@@ -79,12 +80,22 @@ testing::SimulatedCamera hidden_camera(double read_dn) {
 TEST(CoarseSteps, NoiseThatIsNotKnownIsNoUpperLimitToADenoiser) {
   testing::SimulatedCamera camera = hidden_camera(0.12);
   camera.gains[0].noise.channels[0].mu_dn = 0.2;
-  const NoiseModel model = testing::calibrated(camera);
-  const PhysicsCalibration& p = model.physics.at(0);
+  NoiseModel model = testing::calibrated(camera);
+  PhysicsCalibration& p = model.physics.at(0);
   ASSERT_TRUE(std::isnan(p.sigma_tl.standard_error[0]));
-  const double dark_dn2 = model.profile_at(p.gain).channels[0].variance(0);
-  EXPECT_NEAR(dark_dn2, p.dark_point_dn2[0], 1e-6);
-  EXPECT_LT(dark_dn2, 0.2);  // the limit: 0.24
+  const auto dark_dn2 = [&] { return model.profile_at(p.gain).channels[0].variance(0); };
+  const double limit_dn2 = 0.24, rounding_dn2 = 1.0 / 12, point_dn2 = p.dark_point_dn2[0];
+  EXPECT_LT(point_dn2, 0.2);
+  p.sigma_tl.mean[0] *= std::sqrt((limit_dn2 - rounding_dn2) /
+                                  (dark_dn2() - rounding_dn2));  // as where nothing tells
+  EXPECT_NEAR(dark_dn2(), point_dn2, 1e-6);
+  // What is drawn is the model's, and a network is told that.
+  EXPECT_NEAR(
+      profile_of_parts(model, p.gain, GainRange::kCalibratedOnly, {}).channels[0].variance(0),
+      limit_dn2, 1e-6);
+  // A file need not say how sure it is.
+  p.sigma_tl.standard_error.clear();
+  EXPECT_NEAR(dark_dn2(), limit_dn2, 1e-6);
 }
 
 // Dark frames of one code tell no step: rounding had no part in what is stated of lit frames.

@@ -109,8 +109,11 @@ DefectList defects_of(const NoiseModel& model) {
 // two gains the limit stays.
 void take_dark_points(const NoiseModel& model, const GainSetting& gain, PhysicsNoise& noise) {
   const auto around = model.physics_around(gain);
-  if (around.size() != 1 || around.front()->dark_point_dn2.empty()) return;
+  if (around.size() != 1) return;
   const PhysicsCalibration& p = *around.front();
+  if (p.dark_point_dn2.empty() || p.temporal_sd_dark_dn.empty() ||
+      p.sigma_tl.standard_error.empty())
+    return;
   const double step2 = model.quantization_dn * model.quantization_dn;
   for (std::size_t c = 0; c < noise.channels.size(); ++c) {
     PhysicsChannel& channel = noise.channels[c];
@@ -124,10 +127,16 @@ void take_dark_points(const NoiseModel& model, const GainSetting& gain, PhysicsN
   }
 }
 
-NoiseProfile profile_beside_columns(const NoiseModel& model, const GainSetting& gain,
-                                    GainRange range) {
+// Of frames of a camera. Synthesis draws what the model states, and says so (profile_of_parts).
+PhysicsNoise noise_of_frames(const NoiseModel& model, const GainSetting& gain, GainRange range) {
   PhysicsNoise noise = model.physics_at(gain, range);
   take_dark_points(model, gain, noise);
+  return noise;
+}
+
+NoiseProfile profile_beside_columns(const NoiseModel& model, const GainSetting& gain,
+                                    GainRange range) {
+  PhysicsNoise noise = noise_of_frames(model, gain, range);
   const std::vector<double> shares = column_noise_shares_at(model, gain);
   std::vector<double> sigma_column_dn;
   for (std::size_t c = 0; c < shares.size(); ++c) {
@@ -145,7 +154,6 @@ NoiseProfile pixel_noise_at(const NoiseModel& model, const GainSetting& gain, Ga
                             const PhysicsParts& parts) {
   if (!model.physics.empty()) {
     PhysicsNoise noise = model.physics_at(gain, range);
-    take_dark_points(model, gain, noise);
     noise.parts = parts;
     return profile_of(noise);
   }
@@ -174,9 +182,10 @@ NoiseProfile with_facts(NoiseProfile profile, const NoiseModel& model, const Gai
 
 NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range,
                                     ColumnNoise columns) const {
-  return with_facts(columns == ColumnNoise::kApart && !physics.empty()
+  if (physics.empty()) return with_facts(pixel_noise_at(*this, gain, range, {}), *this, gain);
+  return with_facts(columns == ColumnNoise::kApart
                         ? profile_beside_columns(*this, gain, range)
-                        : pixel_noise_at(*this, gain, range, {}),
+                        : profile_of(noise_of_frames(*this, gain, range)),
                     *this, gain);
 }
 
