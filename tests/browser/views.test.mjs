@@ -27,6 +27,19 @@ test("the angle of polarization stays below 180 degrees after rounding to float"
   assert.ok(angles.every((angle) => angle >= 0 && angle < 180));
 });
 
+// Few pixels have the fewest bins, 32. Of a value on the border of two bins each has half, at the end of the range one half is lost.
+test("the histogram shares a value between the two nearest bins, of pixels that have one", async (t) => {
+  const { histogram } = await source(t, "viewer/histogram.ts");
+  const width = 180 / 32, middle = (bin) => (bin + 0.5) * width;
+  const values = [middle(5), middle(5), middle(31), 10 * width, 0, 500, NaN];
+  const view = { name: "AoLP", unit: "deg", look: { kind: "palette", palette: "cyclic", low: 0, high: 180 } };
+  const [{ x, y }] = histogram(view, [{ name: "after", planes: [plane(values)] }]).series;
+  const expected = new Map([[5, 2], [31, 1], [9, 0.5], [10, 0.5], [0, 0.5]]);
+  assert.equal(y.length, 32);
+  x.forEach((at, bin) => assert.ok(Math.abs(at - middle(bin)) < 1e-9));
+  y.forEach((share, bin) => assert.ok(Math.abs(share - (expected.get(bin) ?? 0) / 6) < 1e-6, `${bin}: ${share}`));
+});
+
 // The code of a pixel without a value is -1,048,576, the lowest of a number one more. Planes of one pixel have every dither.
 test("a pixel without a value has none at any dither, and the lowest number is one", async (t) => {
   const { decode } = await source(t, "viewer/raster.ts");
