@@ -313,5 +313,21 @@ TEST(JointBilateral, AveragesPrintWhoseNoiseTheConverterHides) {
   EXPECT_LT(error, 0.12);  // of 0.24
 }
 
+// All pixels may have been rounded alike, which no average tells.
+TEST(JointBilateral, StatesNoLessErrorWhereAStepHidesTheNoise) {
+  const Image noisy = with_unit_noise(printed(3), 1);
+  const SensorLayout layout = SensorLayout::named("polar-bayer-rggb");
+  internal::SampleNoise noise = sample_noise(1e5f, 1.0f);
+  noise.hides = [](std::size_t, float) { return true; };
+  Image estimate = noisy, error(kPrintRows, kPrintCols, 1.0f);
+  const Image cell_error(internal::cell_count(kPrintRows), internal::cell_count(kPrintCols), 1.0f);
+  internal::average_alike_pixels(source_of(noisy, layout), noise, {1024},
+                                 {estimate, cell_error, &error}, silent_progress());
+  const Averaged seen = averaged(noisy, noisy, 1.0f);
+  EXPECT_EQ(estimate.values(), seen.estimate.values());
+  EXPECT_NE(seen.error.values(), error.values());
+  for (const float v : error.values()) ASSERT_EQ(v, 1.0f);
+}
+
 }  // namespace
 }  // namespace malus
