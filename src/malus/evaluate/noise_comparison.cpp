@@ -201,7 +201,9 @@ NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bin
           std::sqrt(std::min(*jsd_floor_bits(reference, test) + offsets_bits, 1.0))};
 }
 
-void require_one_size(const Image& reference, const Image& test) {
+// The reference is loaded first, and so named where both are at fault.
+void require_one_size(const ComparedFrames& reference_frames, const ComparedFrames& test_frames) {
+  const Image reference = reference_frames.frame(0), test = test_frames.frame(0);
   if (reference.rows() == test.rows() && reference.cols() == test.cols()) return;
   throw InputError("the test frames",
                    fmt::format("{} x {} pixels against {} x {} of the reference", test.cols(),
@@ -227,7 +229,7 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   const int group = settings.remove_fixed_pattern ? std::min(reference.count, test.count) : 0;
   ComparedFrames a(reference, clean_dn, group, "the reference frames", progress);
   ComparedFrames b(test, clean_dn, group, "the test frames", progress);
-  require_one_size(a.frame(0), b.frame(0));
+  require_one_size(a, b);
   const CommonCodes codes = take_common_codes(a, b);
   const NoiseGround &ground_a = a.of_group(0, progress), &ground_b = b.of_group(0, progress);
   const Image first_a = ground_a.noise_of(a.counted(a.frame(0))),
