@@ -74,9 +74,9 @@ Image ComparedFrames::frame(int k) const {
   return frame;
 }
 
-double ComparedFrames::step_dn() const {
-  if (set_.count > 1) return step_between(frame(0), frame(1));
-  const Estimate<ValueGrid> grid = value_grid(frame(0));
+double ComparedFrames::step_dn(const Image& first) const {
+  if (set_.count > 1) return step_between(first, frame(1));
+  const Estimate<ValueGrid> grid = value_grid(first);
   return grid ? grid->step : 0.0;
 }
 
@@ -87,7 +87,7 @@ void ComparedFrames::round_to(Image codes_dn, double step_dn) {
 }
 
 Image ComparedFrames::counted(Image frame) const {
-  if (rounded_step_dn_ == 0) return frame;
+  if (!rounded()) return frame;
   MALUS_REQUIRE(frame.size() == codes_dn_.size());
   for (std::size_t i = 0; i < frame.size(); ++i) {
     const float known = codes_dn_.values()[i];
@@ -101,10 +101,9 @@ Image ComparedFrames::counted(Image frame) const {
 }
 
 const NoiseGround& ComparedFrames::of_group(int k, Progress& progress) {
-  const bool rounded = rounded_step_dn_ > 0;
-  if (group_ == 0 || (group_ == set_.count && !rounded)) return whole_;
+  if (group_ == 0 || (group_ == set_.count && !rounded())) return whole_;
   const int first = std::min(k / group_ * group_, set_.count - group_);
-  if (first != first_) of_group_ = mean_ground(first, group_, rounded, progress);
+  if (first != first_) of_group_ = mean_ground(first, group_, rounded(), progress);
   first_ = first;
   return of_group_;
 }

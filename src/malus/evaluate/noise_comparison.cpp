@@ -103,15 +103,17 @@ struct CommonCodes {
 };
 
 // Where one side is in codes, the other is rounded as they are: what a step hides in the one is
-// hidden in both.
-CommonCodes take_common_codes(ComparedFrames& reference, ComparedFrames& test) {
-  const double of_reference = reference.step_dn(), of_test = test.step_dn();
+// hidden in both. The sides' first frames tell the codes.
+CommonCodes take_common_codes(const Image& first_of_reference, const Image& first_of_test,
+                              ComparedFrames& reference, ComparedFrames& test) {
+  const double of_reference = reference.step_dn(first_of_reference),
+               of_test = test.step_dn(first_of_test);
   CommonCodes codes{std::max(of_reference, of_test)};
   if (of_reference < codes.step_dn) {
-    reference.round_to(test.frame(0), codes.step_dn);
+    reference.round_to(first_of_test, codes.step_dn);
     codes.reference_rounded_dn = codes.step_dn;
   } else if (of_test < codes.step_dn) {
-    test.round_to(reference.frame(0), codes.step_dn);
+    test.round_to(first_of_reference, codes.step_dn);
     codes.test_rounded_dn = codes.step_dn;
   }
   return codes;
@@ -163,7 +165,10 @@ std::vector<Counts> histograms_of(ComparedFrames& source, const Bins& levels,
     const Image frame = source.frame(k);
     const NoiseGround& ground = source.of_group(k, progress);
     const Image noise = ground.noise_of(source.counted(frame));
-    structure.add(source.whole().noise_of(frame));
+    if (&ground == &source.whole() && !source.rounded())
+      structure.add(noise);
+    else
+      structure.add(source.whole().noise_of(frame));
     for (std::size_t i = 0; i < noise.size(); ++i) {
       const double x = noise.values()[i];
       const double s = ground.signal.empty() ? 0.0 : ground.signal.values()[i];
@@ -201,9 +206,7 @@ NoiseDistance distance_of(const Counts& reference, const Counts& test, const Bin
           std::sqrt(std::min(*jsd_floor_bits(reference, test) + offsets_bits, 1.0))};
 }
 
-// The reference is loaded first, and so named where both are at fault.
-void require_one_size(const ComparedFrames& reference_frames, const ComparedFrames& test_frames) {
-  const Image reference = reference_frames.frame(0), test = test_frames.frame(0);
+void require_one_size(const Image& reference, const Image& test) {
   if (reference.rows() == test.rows() && reference.cols() == test.cols()) return;
   throw InputError("the test frames",
                    fmt::format("{} x {} pixels against {} x {} of the reference", test.cols(),
@@ -229,22 +232,23 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   const int group = settings.remove_fixed_pattern ? std::min(reference.count, test.count) : 0;
   ComparedFrames a(reference, clean_dn, group, "the reference frames", progress);
   ComparedFrames b(test, clean_dn, group, "the test frames", progress);
-  require_one_size(a, b);
-  const CommonCodes codes = take_common_codes(a, b);
+  Image first_a = a.frame(0), first_b = b.frame(0);  // in this order: the reference is named first
+  require_one_size(first_a, first_b);
+  const CommonCodes codes = take_common_codes(first_a, first_b, a, b);
   const NoiseGround &ground_a = a.of_group(0, progress), &ground_b = b.of_group(0, progress);
-  const Image first_a = ground_a.noise_of(a.counted(a.frame(0))),
-              first_b = ground_b.noise_of(b.counted(b.frame(0)));
+  const Image noise_a = ground_a.noise_of(a.counted(std::move(first_a)));
+  const Image noise_b = ground_b.noise_of(b.counted(std::move(first_b)));
   const bool uniform = ground_a.signal.empty();  // one level, the same as pooled
   const Bins levels = uniform ? Bins{} : levels_of(ground_a.signal, settings.levels);
-  const MomentsByLevel moments_a = moments_of(first_a, ground_a.signal, levels);
-  const MomentsByLevel moments_b = moments_of(first_b, ground_b.signal, levels);
+  const MomentsByLevel moments_a = moments_of(noise_a, ground_a.signal, levels);
+  const MomentsByLevel moments_b = moments_of(noise_b, ground_b.signal, levels);
   require_finite(moments_a, moments_b);
   const std::vector<Bins> bins =
       bins_of_levels(moments_a, moments_b,
-                     lattice_of(codes.step_dn, ground_a, group, first_a, first_b), settings.bins);
+                     lattice_of(codes.step_dn, ground_a, group, noise_a, noise_b), settings.bins);
   progress.begin("noise", a.count() + b.count());
   StructureSums structure_a(layout), structure_b(layout);
-  CommonOffsets offsets_a(bins.size(), first_a.rows()), offsets_b = offsets_a;
+  CommonOffsets offsets_a(bins.size(), noise_a.rows()), offsets_b = offsets_a;
   const auto counts_a = histograms_of(a, levels, bins, structure_a, offsets_a, progress);
   const auto counts_b = histograms_of(b, levels, bins, structure_b, offsets_b, progress);
   NoiseComparison result;
@@ -262,9 +266,9 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   result.pooled = distance_of(
       counts_a[all], counts_b[all], bins[all], moments_a.signal.mean(),
       of_offsets(all) +
-          jsd_of_spread_bits(result.reference, reference, first_a,
+          jsd_of_spread_bits(result.reference, reference, noise_a,
                              offsets_a.frame_variance_dn2(all)) +
-          jsd_of_spread_bits(result.test, test, first_b, offsets_b.frame_variance_dn2(all)));
+          jsd_of_spread_bits(result.test, test, noise_b, offsets_b.frame_variance_dn2(all)));
   for (int i = 0; i < levels.count && !uniform; ++i) {
     const auto k = static_cast<std::size_t>(i);
     if (samples_in(counts_a[k]) < kEnoughSamples || samples_in(counts_b[k]) < kEnoughSamples ||

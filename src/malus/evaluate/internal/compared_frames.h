@@ -33,12 +33,14 @@ class ComparedFrames {
   /// As it was loaded.
   Image frame(int k) const;
 
-  /// The converter's step [DN]; 0 of fractional pixels, and of frames that are all the same.
-  double step_dn() const;
+  /// The converter's step [DN]; 0 of fractional pixels, and of frames that are all the same. first:
+  /// frame(0).
+  double step_dn(const Image& first) const;
 
   /// From here on counted() and of_group() are of pixels that are codes_dn + n step_dn. Contract:
   /// of the frames' size, step_dn > 0.
   void round_to(Image codes_dn, double step_dn);
+  bool rounded() const { return rounded_step_dn_ > 0; }
 
   /// A frame as it is counted.
   Image counted(Image frame) const;
