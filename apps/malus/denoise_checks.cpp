@@ -53,11 +53,8 @@ void warn_of_result(const RawFrame& before, const Denoised& result, const NoiseP
 
 void warn_of_model(const NoiseModel& model, const GainSetting& gain, const fs::path& path,
                    bool undone) {
-  if (const std::string line = extrapolation_complaint(model, gain); !line.empty())
+  for (const std::string& line : complaints_at_gain(model, gain, undone))
     warn_of(path.string(), line);
-  for (const std::string& line : cut_off_complaints(model, gain, undone))
-    warn_of(path.string(), line);
-  for (const std::string& line : two_outputs_complaints(model, gain)) warn_of(path.string(), line);
 }
 
 void warn_of_picture(const std::string& source, const NetworkInference::Rendered& made) {

@@ -18,8 +18,7 @@ namespace malus::app {
 /// network, which is asked when its file is open: no file could make the two go together.
 void check_states_error(const std::string& asked, const std::string& method);
 
-/// Says extrapolation_complaint, cut_off_complaints and two_outputs_complaints
-/// (malus/denoise/frame_complaints.h) of the model of this file.
+/// Says complaints_at_gain (malus/denoise/frame_complaints.h) of the model of this file.
 void warn_of_model(const NoiseModel& model, const GainSetting& gain,
                    const std::filesystem::path& path, bool undone);
 

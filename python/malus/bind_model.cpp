@@ -224,10 +224,7 @@ void require_model_for(const char* name, bool given, const std::optional<Model>&
 
 std::vector<std::string> model_complaints(const NoiseModel& model, const GainSetting& gain,
                                           bool undone) {
-  std::vector<std::string> lines = cut_off_complaints(model, gain, undone);
-  for (const std::string& line : two_outputs_complaints(model, gain)) lines.push_back(line);
-  lines.insert(lines.begin(), extrapolation_complaint(model, gain));
-  std::erase(lines, "");
+  std::vector<std::string> lines = complaints_at_gain(model, gain, undone);
   for (std::string& line : lines) line = fmt::format("{}: {}", model.name(), line);
   return lines;
 }

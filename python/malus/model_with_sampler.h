@@ -54,9 +54,7 @@ std::optional<Model> model_from(const pybind11::object& given);
 /// Throws InputError for an argument that is given, but without a model has no meaning.
 void require_model_for(const char* name, bool given, const std::optional<Model>& model);
 
-/// What a model says of itself at this gain, by the sensor's name: that it lies outside the
-/// calibrated range, cut_off_complaints and two_outputs_complaints
-/// (malus/denoise/frame_complaints.h).
+/// complaints_at_gain (malus/denoise/frame_complaints.h), by the sensor's name.
 std::vector<std::string> model_complaints(const NoiseModel& model, const GainSetting& gain,
                                           bool undone);
 

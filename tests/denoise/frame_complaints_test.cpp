@@ -148,6 +148,7 @@ TEST(TwoOutputsComplaints, AreOfTheGainAlone) {
   model.physics[0].warnings = {"something else", std::string(kTwoOutputsFinding) + ", 0.7 DN"};
   EXPECT_THAT(two_outputs_complaints(model, first), ElementsAre(HasSubstr("own, 0.7 DN")));
   EXPECT_THAT(two_outputs_complaints(model, second), IsEmpty());
+  EXPECT_EQ(complaints_at_gain(model, first, true), two_outputs_complaints(model, first));
   const GainSetting between{(*first.gain_db + *second.gain_db) / 2, {}};
   EXPECT_THAT(two_outputs_complaints(model, between), ElementsAre(HasSubstr("own, 0.7 DN")));
 }

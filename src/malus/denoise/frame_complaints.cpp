@@ -167,4 +167,14 @@ std::vector<std::string> two_outputs_complaints(const NoiseModel& model, const G
   return {};
 }
 
+std::vector<std::string> complaints_at_gain(const NoiseModel& model, const GainSetting& gain,
+                                            bool undone) {
+  std::vector<std::string> lines = {extrapolation_complaint(model, gain)};
+  for (const auto& found :
+       {cut_off_complaints(model, gain, undone), two_outputs_complaints(model, gain)})
+    lines.insert(lines.end(), found.begin(), found.end());
+  std::erase(lines, "");
+  return lines;
+}
+
 }  // namespace malus

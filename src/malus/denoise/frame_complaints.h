@@ -41,4 +41,8 @@ std::vector<std::string> cut_off_complaints(const NoiseModel& model, const GainS
 /// rows are read out by two outputs: their own noise stays in the result. Empty or one line.
 std::vector<std::string> two_outputs_complaints(const NoiseModel& model, const GainSetting& gain);
 
+/// All that a model tells of itself at a gain: the three above, in their order.
+std::vector<std::string> complaints_at_gain(const NoiseModel& model, const GainSetting& gain,
+                                            bool undone);
+
 }  // namespace malus
