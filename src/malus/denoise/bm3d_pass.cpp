@@ -45,6 +45,11 @@ int tile_classes(const Bm3dStage& stage, int refs) {
   return (touched + side - 1) / side;
 }
 
+void clear(std::vector<Accumulator>& sums) {
+  for (auto& sum : sums)
+    for (Image* image : {&sum.residual, &sum.weight}) std::ranges::fill(image->values(), 0.0F);
+}
+
 /// What filtering a tile needs beside its groups, by place of the tile's region. Kept from tile to
 /// tile, because fresh memory costs a page fault per 4096 bytes; the sums are zero between tiles.
 struct TileBuffers {
@@ -110,14 +115,10 @@ void filter_tile(const Work& work, const std::vector<PaddedPlane>& match_source,
                    buffers, sums[c]);
 }
 
-/// One pass over the picture; sums start from zero.
+/// One pass over the picture; contract: the sums are zero.
 void run_tiles(const Work& work, const std::vector<PaddedPlane>* pilot, const Bm3dStage& stage,
                const std::vector<GroupFilter>& filters, int rows, int cols,
                std::vector<Accumulator>& sums) {
-  for (auto& sum : sums) {
-    std::ranges::fill(sum.residual.values(), 0.0F);
-    std::ranges::fill(sum.weight.values(), 0.0F);
-  }
   const auto order = search_order(stage.range);
   const auto tiles = tiles_of(rows, cols, stage.step);
   const int tall = tile_rows(stage.step), wide = tile_columns(stage.step);
@@ -267,7 +268,8 @@ Planes bm3d_with(const Bm3dParameters& parameters, const Planes& noisy,
     filters.push_back(GroupFilter::hard(s, parameters.hard_threshold));
   const auto& padded = work.noisy[0].data;
   std::vector<Accumulator> sums(work.channels.size());
-  for (auto& sum : sums) sum.residual = sum.weight = Image(padded.rows(), padded.cols());
+  for (auto& sum : sums)
+    for (Image* image : {&sum.residual, &sum.weight}) *image = Image(padded.rows(), padded.cols());
   run_tiles(work, nullptr, parameters.hard, filters, rows, cols, sums);
   std::vector<PaddedPlane> pilot;
   for (std::size_t c = 0; c < work.channels.size(); ++c) {
@@ -276,6 +278,7 @@ Planes bm3d_with(const Bm3dParameters& parameters, const Planes& noisy,
     pilot.push_back(padded_by_reflection(plane, kPadding));
   }
 
+  clear(sums);
   filters.clear();
   for (const float s : work.sigma) filters.push_back(GroupFilter::wiener(s));
   if (variance_out)

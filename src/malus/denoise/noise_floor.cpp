@@ -242,8 +242,35 @@ std::vector<Tile> tiles_of(const Frame& frame, const Unit& unit) {
   return tiles;
 }
 
-// The same number of pixels from every side of the mosaic's phases: [phase][patch].
-std::vector<std::vector<Patch>> patches_of(const Frame& frame) {
+// Patches that begin at one of the mosaic's phases.
+class PhasePatches {
+ public:
+  PhasePatches(const Frame& frame, const std::vector<Tile>& tiles, const Unit& unit, int phase_row,
+               int phase_col)
+      : of_tile_(tiles.size()) {
+    parallel_for(0, std::ssize(tiles), 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+      for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
+        cut_patches(frame, tiles[i], unit, phase_row, phase_col, of_tile_[i]);
+    });
+  }
+  std::vector<const Patch*> all() const {
+    std::vector<const Patch*> all;
+    for (const std::vector<Patch>& patches : of_tile_)
+      for (const Patch& patch : patches) all.push_back(&patch);
+    return all;
+  }
+  std::size_t size() const {
+    std::size_t size = 0;
+    for (const std::vector<Patch>& patches : of_tile_) size += patches.size();
+    return size;
+  }
+
+ private:
+  std::vector<std::vector<Patch>> of_tile_;
+};
+
+// The same number of pixels from every side of the phases.
+std::vector<PhasePatches> patches_of(const Frame& frame) {
   const Unit unit = unit_of(frame.layout);
   std::vector<Tile> tiles = tiles_of(frame, unit);
   parallel_for(0, std::ssize(tiles), 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
@@ -253,13 +280,12 @@ std::vector<std::vector<Patch>> patches_of(const Frame& frame) {
       measure_units(frame, unit, tile);
     }
   });
-  std::vector<std::vector<Patch>> patches;
+  std::vector<PhasePatches> patches;
   for (int row = 0; row < unit.rows; row += (unit.rows + 1) / 2)
     for (int col = 0; col < unit.cols; col += (unit.cols + 1) / 2) {
       // A cell of two by two looks the same from everywhere once its halves are in one patch.
       if ((row > 0 && unit.rows <= 2) || (col > 0 && unit.cols <= 2)) continue;
-      patches.emplace_back();
-      for (const Tile& tile : tiles) cut_patches(frame, tile, unit, row, col, patches.back());
+      patches.emplace_back(frame, tiles, unit, row, col);
     }
   return patches;
 }
@@ -308,9 +334,9 @@ NoiseFloor floor_of(std::span<const Patch* const> level) {
 }
 
 // As many as patches fill, and no more than differ in brightness, but for a twentieth at each end.
-std::size_t level_count(const std::vector<Patch>& patches) {
+std::size_t level_count(const PhasePatches& patches) {
   std::vector<float> signals;
-  for (const Patch& patch : patches) signals.push_back(patch.signal);
+  for (const Patch* patch : patches.all()) signals.push_back(patch->signal);
   std::sort(signals.begin(), signals.end());
   const double low = signals[signals.size() / 20], high = signals[signals.size() * 19 / 20],
                middle = std::abs(signals[signals.size() / 2]);
@@ -319,17 +345,18 @@ std::size_t level_count(const std::vector<Patch>& patches) {
   return std::max<std::size_t>(static_cast<std::size_t>((high - low) / (kBrighter * middle)), 1);
 }
 
-std::vector<NoiseFloor> floors_of_phase(const std::vector<Patch>& patches, std::size_t levels) {
-  std::vector<const Patch*> by_signal;
-  for (const Patch& patch : patches) by_signal.push_back(&patch);
+std::vector<NoiseFloor> floors_of_phase(const PhasePatches& patches, std::size_t levels) {
+  std::vector<const Patch*> by_signal = patches.all();
   std::sort(by_signal.begin(), by_signal.end(),
             [](const Patch* a, const Patch* b) { return a->signal < b->signal; });
-  std::vector<NoiseFloor> floors;
-  for (std::size_t i = 0; i < levels; ++i) {
-    const std::size_t begin = i * by_signal.size() / levels,
-                      end = (i + 1) * by_signal.size() / levels;
-    floors.push_back(floor_of({by_signal.data() + begin, end - begin}));
-  }
+  std::vector<NoiseFloor> floors(levels);
+  parallel_for(0, std::ssize(floors), 1, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+    for (auto i = static_cast<std::size_t>(first); i < static_cast<std::size_t>(last); ++i) {
+      const std::size_t begin = i * by_signal.size() / levels,
+                        end = (i + 1) * by_signal.size() / levels;
+      floors[i] = floor_of({by_signal.data() + begin, end - begin});
+    }
+  });
   return floors;
 }
 
@@ -343,13 +370,13 @@ std::vector<NoiseFloor> noise_floor(View<const float> dn, const SensorLayout& la
                 variance.size() == saturated_dn.size());
   const auto phases = patches_of({dn, layout, variance, saturated_dn, dark_dn});
   std::size_t least = phases.empty() ? 0 : phases.front().size();
-  for (const std::vector<Patch>& patches : phases) least = std::min(least, patches.size());
+  for (const PhasePatches& patches : phases) least = std::min(least, patches.size());
   if (least < kLeastPatches) return {};
   std::size_t levels = kMostFloors;
-  for (const std::vector<Patch>& patches : phases) levels = std::min(levels, level_count(patches));
+  for (const PhasePatches& patches : phases) levels = std::min(levels, level_count(patches));
   const double share = 1.0 / static_cast<double>(phases.size());
   std::vector<NoiseFloor> floors(levels);
-  for (const std::vector<Patch>& patches : phases) {
+  for (const PhasePatches& patches : phases) {
     const std::vector<NoiseFloor> own = floors_of_phase(patches, levels);
     for (std::size_t i = 0; i < levels; ++i) {
       floors[i].signal_dn += share * own[i].signal_dn;

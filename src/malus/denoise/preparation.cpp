@@ -1,4 +1,5 @@
 #include "malus/base/error.h"
+#include "malus/base/parallel.h"
 #include "malus/base/statistics.h"
 #include "malus/base/wording.h"
 #include "malus/denoise/column_noise.h"
@@ -13,6 +14,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <utility>
 
@@ -203,20 +205,61 @@ void take_out_lines(PreparedFrame& frame, const NoiseProfile& profile,
   }
 }
 
+// Per channel.
+struct ChannelSums {
+  std::vector<double> sum, count;
+  explicit ChannelSums(const SensorLayout& layout)
+      : sum(static_cast<std::size_t>(layout.channels())), count(sum) {}
+  void add(int channel, double value, double sign) {
+    sum[static_cast<std::size_t>(channel)] += sign * value;
+    count[static_cast<std::size_t>(channel)] += sign;
+  }
+  ChannelSums with(const ChannelSums& other) const {
+    ChannelSums both = *this;
+    for (std::size_t k = 0; k < sum.size(); ++k) {
+      both.sum[k] += other.sum[k];
+      both.count[k] += other.count[k];
+    }
+    return both;
+  }
+};
+
 // Without what stands in the place of pixels that are not numbers.
 std::vector<double> channel_means(View<const float> dn, const SensorLayout& layout,
                                   const std::vector<NonfinitePixel>& nonfinite) {
-  std::vector<double> sum(static_cast<std::size_t>(layout.channels())), count(sum);
-  const auto add = [&](int row, int col, double sign) {
-    const auto k = static_cast<std::size_t>(layout.channel_at(row, col));
-    sum[k] += sign * dn(row, col);
-    count[k] += sign;
-  };
-  for (int r = 0; r < dn.rows(); ++r)
-    for (int c = 0; c < dn.cols(); ++c) add(r, c, 1);
-  for (const NonfinitePixel& p : nonfinite) add(p.row, p.col, -1);
-  for (std::size_t k = 0; k < sum.size(); ++k) sum[k] = count[k] > 0 ? sum[k] / count[k] : 0.0;
-  return sum;
+  ChannelSums all = parallel_reduce(
+      0, dn.rows(), kRowsPerTask, ChannelSums(layout),
+      [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+        ChannelSums rows(layout);
+        for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+          for (int c = 0; c < dn.cols(); ++c) rows.add(layout.channel_at(r, c), dn(r, c), 1);
+        return rows;
+      },
+      [](const ChannelSums& a, const ChannelSums& b) { return a.with(b); });
+  for (const NonfinitePixel& p : nonfinite)
+    all.add(layout.channel_at(p.row, p.col), dn(p.row, p.col), -1);
+  std::vector<double> means;
+  for (std::size_t k = 0; k < all.sum.size(); ++k)
+    means.push_back(all.count[k] > 0 ? all.sum[k] / all.count[k] : 0.0);
+  return means;
+}
+
+// Takes the channels' zero off; returns how many pixels are saturated then.
+std::int64_t subtract_zero(Image& dn, const SensorLayout& layout, const std::vector<float>& zero_dn,
+                           const std::vector<float>& saturated_dn) {
+  return parallel_reduce(
+      0, dn.rows(), kRowsPerTask, std::int64_t{0},
+      [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+        std::int64_t saturated = 0;
+        for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
+          for (int c = 0; c < dn.cols(); ++c) {
+            const auto k = static_cast<std::size_t>(layout.channel_at(r, c));
+            dn(r, c) -= zero_dn[k];
+            if (dn(r, c) >= saturated_dn[k]) ++saturated;
+          }
+        return saturated;
+      },
+      std::plus<>());
 }
 
 // Tables reach up to white: it has to be above black, and not so far that they never end.
@@ -264,13 +307,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
   const internal::ChannelLevels levels = internal::channel_levels(frame, profile);
   prepared.highest_dn = levels.highest_dn;
   const std::vector<float>& saturated_dn = prepared.saturated_dn = levels.saturated_dn;
-  for (int r = 0; r < frame.dn.rows(); ++r)
-    for (int c = 0; c < frame.dn.cols(); ++c) {
-      const auto k = static_cast<std::size_t>(frame.layout.channel_at(r, c));
-      float& pixel = frame.dn(r, c);
-      pixel -= levels.zero_dn[k];
-      if (pixel >= saturated_dn[k]) ++report.saturated_pixels;
-    }
+  report.saturated_pixels = subtract_zero(frame.dn, frame.layout, levels.zero_dn, saturated_dn);
   prepared.dn = std::move(frame.dn);
   prepared.saturated = SaturatedPixels(prepared.dn, prepared.layout, saturated_dn);
   prepared.is_noiseless = noiseless_areas(prepared.dn, prepared.layout, saturated_dn);
