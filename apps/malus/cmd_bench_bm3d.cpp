@@ -10,6 +10,7 @@
 #include <span>
 
 #include "benchmarks.h"
+#include "freed_memory.h"
 #include <fmt/format.h>
 
 namespace malus::app {
@@ -34,6 +35,7 @@ Planes noisy_picture(int channels, int rows, int cols) {
 }
 
 std::vector<BenchmarkLine> bm3d_lines(const BenchmarkContext& context) {
+  keep_freed_planes();  // as `malus denoise` does
   std::vector<BenchmarkLine> lines;
   const int all = thread_count(), side = context.quick ? 64 : 512;
   const std::string size = fmt::format("{}x{} grey", side, side);

@@ -10,12 +10,12 @@
 #include <vector>
 
 #include "flags.h"
+#include "freed_memory.h"
 #include "model_json.h"
 #include "output_check.h"
 #include "program.h"
 #include "report_pages.h"
 #include <fmt/format.h>
-#include <malloc.h>
 
 namespace malus::app {
 namespace {
@@ -26,16 +26,8 @@ struct CalibrateArguments {
   CalibrationSettings settings;
 };
 
-// Planes of 20 MB come and go with every frame: handed back to the system at once, they cannot
-// leave holes in the heap (80 MB less on 5 megapixels).
-void return_planes_to_the_system() {
-#if defined(__GLIBC__)
-  mallopt(M_MMAP_THRESHOLD, 1 << 20);
-#endif
-}
-
 void calibrate_session(const Common& common, const CalibrateArguments& arguments) {
-  return_planes_to_the_system();
+  return_freed_planes();
   const Session session = load_session(arguments.session);
   const std::vector<std::filesystem::path> read = files_read(session);
   check_output_apart("-o", arguments.output, read, {}, common.force);

@@ -24,6 +24,7 @@
 #include "denoise_run.h"
 #include "flags.h"
 #include "frame_input.h"
+#include "freed_memory.h"
 #include "output_check.h"
 #include "program.h"
 #include "raw_options.h"
@@ -297,6 +298,7 @@ void print_records(const DenoiseArguments& arguments, const std::vector<FrameRec
 }
 
 void run_denoise(DenoiseArguments arguments, const Common& common) {
+  keep_freed_planes();
   check_usage(arguments);
   const FrameOptions options = arguments.raw.resolve();
   take_frames(arguments, options);

@@ -3,12 +3,12 @@
 #include "malus/base/parallel.h"
 
 #include "flags.h"
+#include "freed_memory.h"
 #include "module_file.h"
 #include "network_environment.h"
 #include "networks_door.h"
 #include "program.h"
 #include "program_start.h"
-#include <malloc.h>
 #include <unistd.h>
 
 namespace malus::app {
@@ -33,13 +33,6 @@ void restart_with(const NetworkEnvironment& environment) {
   for (std::string& argument : arguments) argv.push_back(argument.data());
   argv.push_back(nullptr);
   execv(program_start().file.c_str(), argv.data());
-}
-
-// glibc keeps freed blocks instead of giving them back to the kernel after every layer.
-void keep_freed_memory() {
-  mallopt(M_MMAP_MAX, 0);
-  mallopt(M_TRIM_THRESHOLD, -1);
-  mallopt(M_TOP_PAD, 256 << 20);
 }
 
 const NetworkFunctions* open_for_program() {

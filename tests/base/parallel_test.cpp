@@ -1,8 +1,11 @@
 #include "malus/base/parallel.h"
 
+#include <atomic>
 #include <mutex>
+#include <new>
 #include <set>
 #include <thread>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -53,6 +56,20 @@ TEST(ParallelLoops, AGrainIsAtLeastOne) {
   EXPECT_EQ(sum_in_pieces_of(4), 3);
   EXPECT_THROW(sum_in_pieces_of(0), ContractViolation);
   EXPECT_THROW(sum_in_pieces_of(-4), ContractViolation);
+}
+
+TEST(ParallelLoops, ALoopApartDoesAllOfItInsideOfAnother) {
+  std::vector<std::atomic<int>> done(64 * 16);
+  parallel_for(0, 64, 1, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    for (std::ptrdiff_t i = begin; i < end; ++i)
+      parallel_for_apart(16 * i, 16 * (i + 1), 3, [&](std::ptrdiff_t first, std::ptrdiff_t last) {
+        for (std::ptrdiff_t k = first; k < last; ++k) ++done[static_cast<std::size_t>(k)];
+      });
+  });
+  for (const std::atomic<int>& times : done) EXPECT_EQ(times, 1);
+  EXPECT_THROW(
+      parallel_for_apart(0, 8, 1, [](std::ptrdiff_t, std::ptrdiff_t) { throw std::bad_alloc(); }),
+      std::bad_alloc);
 }
 
 }  // namespace

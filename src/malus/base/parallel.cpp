@@ -11,6 +11,7 @@
 
 #include <tbb/global_control.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 // The thread sanitizer cannot see into the oneTBB library. So under it this file is compiled
 // without (CMakeLists.txt), and it is told what a fork and a join order.
@@ -81,6 +82,11 @@ void parallel_for(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain
     __tsan_release(&join);
   });
   __tsan_acquire(&join);
+}
+
+void parallel_for_apart(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain,
+                        const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body) {
+  tbb::this_task_arena::isolate([&] { parallel_for(begin, end, grain, body); });
 }
 
 }  // namespace malus

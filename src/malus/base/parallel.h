@@ -20,6 +20,11 @@ int thread_count();
 void parallel_for(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain,
                   const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body);
 
+/// The same for what may run inside of another loop's body: while it waits, its thread takes up no
+/// piece of that loop, whose scratch memory may be the thread's own.
+void parallel_for_apart(std::ptrdiff_t begin, std::ptrdiff_t end, std::ptrdiff_t grain,
+                        const std::function<void(std::ptrdiff_t, std::ptrdiff_t)>& body);
+
 /// While it lives, this thread's loops stay on this thread: for programs that have threads of their
 /// own, each with a whole piece of work.
 class SerialLoops {

@@ -79,7 +79,7 @@ class Plane {
     MALUS_REQUIRE(rows >= 0 && cols >= 0);
     const auto size = static_cast<std::size_t>(rows) * static_cast<std::size_t>(cols);
     values_.reserve(size);
-    prefer_large_pages(values_.data(), size * sizeof(T));
+    prepare_pages(values_.data(), size * sizeof(T));
     values_.assign(size, value);
   }
   int rows() const { return rows_; }
@@ -110,8 +110,10 @@ using Image = Plane<float>;
 class Planes {
  public:
   Planes() = default;
-  Planes(int channels, int rows, int cols)
-      : planes_(static_cast<std::size_t>(channels), Image(rows, cols)) {}
+  Planes(int channels, int rows, int cols) {
+    MALUS_REQUIRE(channels >= 0);
+    for (int k = 0; k < channels; ++k) planes_.emplace_back(rows, cols);
+  }
   int channels() const { return static_cast<int>(planes_.size()); }
   int rows() const { return planes_.empty() ? 0 : planes_[0].rows(); }
   int cols() const { return planes_.empty() ? 0 : planes_[0].cols(); }

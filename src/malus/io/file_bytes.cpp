@@ -1,6 +1,7 @@
 #include "malus/io/internal/file_bytes.h"
 
 #include "malus/base/error.h"
+#include "malus/base/large_pages.h"
 #include "malus/base/text.h"
 #include "malus/base/unreadable_file.h"
 #include "malus/io/frame_stack.h"
@@ -65,7 +66,10 @@ std::string read_text(const fs::path& path, std::string_view what) {
 
 std::vector<std::uint8_t> read_part(const fs::path& path, std::uintmax_t at, std::size_t bytes) {
   const OpenFile file = open_file(path);
-  std::vector<std::uint8_t> part(bytes);
+  std::vector<std::uint8_t> part;
+  part.reserve(bytes);
+  prepare_pages(part.data(), bytes);
+  part.resize(bytes);
   if (fseeko(file.get(), static_cast<off_t>(at), SEEK_SET) != 0 ||
       std::fread(part.data(), 1, part.size(), file.get()) != part.size())
     throw InputError(path.string(), fmt::format("cannot be read: {}", std::strerror(errno)),
