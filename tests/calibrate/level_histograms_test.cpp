@@ -114,6 +114,21 @@ TEST(WithoutRowNoise, NoiseThatIsNarrowAgainstACodeIsThatBeforeRounding) {
   }
 }
 
+// Without the hot pixels nothing is left but what rounding makes of a variance, 1e-24 or so: the
+// code was one part as wide as it is.
+TEST(WithoutRowNoise, OneCodeBesideHotPixelsIsAsFineAsNoiseCanBe) {
+  for (const double count : {3072.0, 65536.0, 1e6, 4e6})
+    for (const double hot : {1.0, 2.0, 5.0, 20.0, 50.0})
+      for (const std::size_t away : {1u, 2u, 5u}) {
+        std::vector<double> observed(30, 0.0);
+        observed[0] = hot;
+        observed[4] = count;
+        observed[4 + away] = 3;
+        observed[29] = 7;
+        EXPECT_EQ(without_row_noise(observed, 1.0, 0.0).parts, 8) << count << " " << hot;
+      }
+}
+
 // Rows of five deviations of a pixel: the result had 1.4 times the pixels' deviation. One pixel in
 // 10^4 is hot.
 TEST(WithoutRowNoise, WhatRowsWidenedFiveTimesIsNarrowAgain) {

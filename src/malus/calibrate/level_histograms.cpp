@@ -67,11 +67,11 @@ std::vector<double> start_without_rows(const std::vector<double>& observed, doub
 // Parts that make what is left of a code's own width, 1/12 of a part squared, a trifle of the
 // noise.
 int parts_of_code(double variance) {
-  constexpr double kPartsPerDeviation = 8.0;
-  constexpr int kMost = 8;
-  if (!(variance > 0)) return kMost;
-  return std::clamp(static_cast<int>(std::ceil(kPartsPerDeviation / std::sqrt(variance))), 1,
-                    kMost);
+  constexpr double kPartsPerDeviation = 8.0, kMost = 8.0;
+  // Where all pixels have one code, only rounding errors are left of the variance: more parts than
+  // an int counts.
+  const double parts = variance > 0 ? std::ceil(kPartsPerDeviation / std::sqrt(variance)) : kMost;
+  return static_cast<int>(std::clamp(parts, 1.0, kMost));
 }
 
 // Each code's probability among its parts.
