@@ -45,6 +45,19 @@ TEST(EquivalentModels, HaveTheMomentsOfThePhysics) {
   }
 }
 
+// Bins a part of the dark noise wide would be without number: it came out as three.
+TEST(EquivalentModels, TellNoiseThatIsNoneInTheDark) {
+  PhysicsNoise noise = camera().physics_at(kTo);
+  noise.quantization_dn = 0;
+  for (PhysicsChannel& channel : noise.channels) channel.sigma_tl_dn = 0;
+  const NonparametricCalibration measured = nonparametric_equivalent(noise, kTo, 15000, 4);
+  for (std::size_t c = 0; c < noise.channels.size(); ++c) {
+    EXPECT_EQ(measured.channels[c].bin_edges_dn.size(), std::size_t{kMostEquivalentBins});
+    const double variance = pixel_variance_dn2(noise.channels[c], 15000, 0);
+    EXPECT_NEAR(level_moments(measured.channels[c], 3).variance_dn2, variance, 0.01 * variance);
+  }
+}
+
 TEST(EquivalentModels, LeaveWhatWasMeasured) {
   NoiseModel model = camera();
   GaussianCalibration measured;

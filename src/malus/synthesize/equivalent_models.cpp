@@ -44,8 +44,9 @@ NonparametricCalibration nonparametric_equivalent(const PhysicsNoise& noise,
       return std::sqrt(pixel_variance_dn2(channel, signal_dn, noise.quantization_dn));
     };
     const double reach = kReach * sigma(white_dn) + std::abs(channel.mu_dn);
-    const int half = std::clamp(static_cast<int>(std::ceil(reach / (kBinPerSigma * sigma(0)))), 1,
-                                (kMostEquivalentBins - 1) / 2);
+    constexpr double kMostHalf = (kMostEquivalentBins - 1) / 2;
+    const int half = static_cast<int>(  // without noise in the dark there is no end of them
+        std::clamp(std::ceil(reach / (kBinPerSigma * sigma(0))), 1.0, kMostHalf));
     const int bins = 2 * half + 1;
     const double width = 2 * reach / bins;
     NonparametricChannel& measured = n.channels[c];
