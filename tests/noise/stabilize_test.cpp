@@ -97,6 +97,15 @@ TEST(Stabilizer, AMeasuredCurveAgreesWithTheAffineOneItSamples) {
   }
 }
 
+// Places in the table that no integer counts: the curve fell back to its first cell's slope.
+TEST(Stabilizer, AMeasuredCurveGoesOnStraightHoweverFar) {
+  const Stabilizer measured(VarianceCurve::table({0, 1000, 4000}, {10, 1500, 6000}), 4013);
+  const double slope = measured.forward(1e9) / 1e9;
+  for (const double far : {1e12, 1e18, 1e20, 1e25, 1e37})
+    EXPECT_NEAR(measured.forward(far) / far, slope, 1e-4 * slope) << far;
+  EXPECT_TRUE(std::isnan(measured.forward(std::nan(""))));
+}
+
 // Read noise with other tails than a Gaussian's (Tukey-lambda; Gaussian is 0.14). The truth is the
 // numerical distribution of one pixel. With the model's own law the inverse is unbiased; with the
 // variance alone heavy tails cost up to 0.019 deviations.

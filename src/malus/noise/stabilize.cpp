@@ -67,7 +67,8 @@ double Stabilizer::forward(double dn) const {
            (std::sqrt(slope * dn + dark_deviation_dn_ * dark_deviation_dn_) + dark_deviation_dn_);
   }
   const double position = dn / signal_step_dn_;
-  const auto i = std::min(static_cast<std::size_t>(position), integral_.size() - 2);
+  const std::size_t last = integral_.size() - 2;  // of NaN, too
+  const auto i = position < static_cast<double>(last) ? static_cast<std::size_t>(position) : last;
   return integral_[i] + (position - static_cast<double>(i)) * (integral_[i + 1] - integral_[i]);
 }
 
