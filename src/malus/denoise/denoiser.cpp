@@ -14,6 +14,7 @@
 #include "malus/denoise/internal/kept_points.h"
 #include "malus/denoise/internal/missed_signal.h"
 #include "malus/denoise/internal/returned_noise.h"
+#include "malus/denoise/internal/within_codes.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/noise/rounding.h"
 
@@ -73,15 +74,27 @@ double shown_share(const NoiseProfile& profile, const ChannelProfile& channel, d
   return kAnyway + (1 - kAnyway) * shown;
 }
 
+// What is told of a frame's noise, and the same with what it shows between two codes.
+struct ToldNoise {
+  const NoiseProfile& profile;
+  const NoiseProfile& of_frame;
+  // Between two codes the frame itself shows it.
+  bool is_shown(std::size_t channel, double dn) const {
+    return of_frame.channels[channel].variance(dn) > profile.channels[channel].variance(dn);
+  }
+};
+
 // A lower bound of the noise variance of stabilised samples, never above what the filter was told.
 // In the dark the law itself has less than this bound, and texture is lost in noise.
 internal::SampleNoise sure_noise(const std::vector<Stabilizer>& stabilizers,
                                  const std::vector<float>& uncut, const PreparedFrame& frame,
-                                 const NoiseProfile& profile, const Denoised& result) {
+                                 const ToldNoise& noise, const Denoised& result) {
+  const NoiseProfile& profile = noise.profile;
   std::vector<StabilizedVariance> variances;
   std::vector<bool> may_hide;  // some of its light
   for (std::size_t k = 0; k < stabilizers.size(); ++k) {
-    variances.emplace_back(stabilizers[k], frame.highest_dn, profile.channels[k].distribution());
+    variances.emplace_back(stabilizers[k], frame.highest_dn,
+                           noise.of_frame.channels[k].distribution());
     may_hide.push_back(hides_noise(profile, profile.channels[k], 0));
   }
   const bool own = profile.estimated_from_picture;
@@ -90,13 +103,14 @@ internal::SampleNoise sure_noise(const std::vector<Stabilizer>& stabilizers,
     return may_hide[channel] &&
            hides_noise(profile, profile.channels[channel], stabilizers[channel].inverse(mean));
   };
-  const auto variance = [&stabilizers, &frame, &profile, hides, variances = std::move(variances),
+  const auto variance = [&stabilizers, &frame, noise, hides, variances = std::move(variances),
                          share, most](std::size_t k, float mean) {
     const double told = std::min(share * variances[k].at(mean), most);
     if (!hides(k, mean)) return static_cast<float>(told);
-    return static_cast<float>(told * shown_share(profile, profile.channels[k],
-                                                 frame.saturated_dn[k],
-                                                 stabilizers[k].inverse(mean)));
+    const double dn = stabilizers[k].inverse(mean);
+    if (noise.is_shown(k, dn)) return static_cast<float>(told);
+    return static_cast<float>(
+        told * shown_share(noise.profile, noise.profile.channels[k], frame.saturated_dn[k], dn));
   };
   return {uncut, variance, hides};
 }
@@ -186,7 +200,8 @@ internal::FrameTiles filter_stabilised(const FrameSource& frame, const DenoiseSe
 void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
                      const DenoiseSettings& settings, Progress& progress, Denoised& result) {
   result.dn_above_black = Image(frame.dn.rows(), frame.dn.cols());
-  const auto stabilizers = make_stabilizers(profile, frame.highest_dn, settings.strength);
+  const NoiseProfile of_frame = internal::with_noise_between_codes(profile, frame);
+  const auto stabilizers = make_stabilizers(of_frame, frame.highest_dn, settings.strength);
   const FrameSource stabilised{
       [&](int r, int c) {
         const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
@@ -205,7 +220,8 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   result.tile_work = tiles.work;
   result.whole_frame_mib = tiles.whole_mib;
   const std::vector<float> uncut = uncut_samples(stabilizers, frame);
-  const internal::SampleNoise noise = sure_noise(stabilizers, uncut, frame, profile, result);
+  const internal::SampleNoise noise =
+      sure_noise(stabilizers, uncut, frame, {profile, of_frame}, result);
   if (settings.like_pixels)
     internal::average_alike_pixels(stabilised, noise, memory,
                                    {result.dn_above_black, cell_error, error}, progress);

@@ -52,4 +52,5 @@ set(denoise_SOURCES
     stack_stage.cpp
     stated_error.cpp
     texture_removal.cpp
-    variance_lines.cpp)
+    variance_lines.cpp
+    within_codes.cpp)
