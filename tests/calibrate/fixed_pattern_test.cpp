@@ -215,5 +215,37 @@ TEST(FixedPattern, HeavyTailsOfFewFramesDoNotHideIt) {
   EXPECT_NEAR(sigma_tl, scale_dn, 5 * error / std::sqrt(kSessions));
 }
 
+std::string said_in_one(const PhysicsCalibration& p) {
+  std::string all;
+  for (const std::string& said : p.warnings) all += said + "\n";
+  return all;
+}
+
+// Columns that differ, and the DSNU of a frame of few pixels: eight of ten and a third of such
+// sessions had a light leak.
+TEST(FixedPattern, ThatIsUnlikeByChanceIsNoLightLeak) {
+  for (std::uint64_t seed = 0; seed < 8; ++seed) {
+    testing::SimulatedCamera camera = testing::pattern_camera(0.5, 0.3, 10, seed);
+    const std::string columns = said_in_one(testing::with_fixed_columns(camera, 1.5));
+    EXPECT_EQ(columns.find("light leak"), std::string::npos) << columns;
+    camera.rows = 12, camera.cols = 16;
+    camera.dsnu_dn = 1.0;
+    const std::string few = said_in_one(testing::calibrated(camera).physics.at(0));
+    EXPECT_EQ(few.find("light leak"), std::string::npos) << few;
+  }
+}
+
+// Beside all that a glow is told.
+TEST(FixedPattern, DoesNotHideALightLeak) {
+  CalibrationInput input = testing::simulated_session(testing::pattern_camera(0.5, 0.3, 10, 1));
+  testing::change_frames(input, [](RawFrame& frame, int) {
+    for (int r = 0; r < 48; ++r)
+      for (int c = 0; c < 48; ++c) frame.dn(r, c) += std::round(0.06F * static_cast<float>(r));
+  });
+  const std::string all =
+      said_in_one(calibrate_physics(input, {}, silent_progress()).physics.at(0));
+  EXPECT_NE(all.find("light leak"), std::string::npos) << all;
+}
+
 }  // namespace
 }  // namespace malus

@@ -1,5 +1,6 @@
 #include "malus/calibrate/internal/bias_checks.h"
 
+#include "malus/base/index.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
 #include "malus/calibrate/internal/channel_words.h"
@@ -74,6 +75,40 @@ double rows_in_block_dn2(int blocks, const MosaicGeometry& geometry,
   const double sigma_dn = mean_of(out.sigma_row.mean);
   return sigma_dn * sigma_dn / groups *
          (1.0 + drift_of_means(out.row_drift.drift, groups, geometry.group_stride(0), 0));
+}
+
+// Half the mean square difference of values `apart` places apart: of independent ones their
+// variance, in which what is smooth has next to no part.
+double variance_of_next(const std::vector<double>& values, int apart) {
+  double sum = 0;
+  const auto pairs = std::ssize(values) - apart;
+  for (std::ptrdiff_t i = 0; i < pairs; ++i)
+    sum += std::pow(values[as_index(i + apart)] - values[as_index(i)], 2);
+  return pairs > 0 ? 0.5 * sum / static_cast<double>(pairs) : 0.0;
+}
+
+// Variance that the fixed pattern of pixels, rows and columns gives the mean over one of `blocks`
+// times `blocks` blocks, told by neighbours of one channel. Values count up to `most` about 0, as
+// in level_of.
+double pattern_in_block_dn2(View<const float> shading_dn, const MosaicGeometry& geometry,
+                            int blocks, double most) {
+  const int rows = geometry.rows(), cols = geometry.cols();
+  const int down = geometry.cell_rows(), across = geometry.cell_cols();
+  const auto at = [&](int r, int c) { return std::clamp(double{shading_dn(r, c)}, -most, most); };
+  std::vector<double> of_row(as_index(rows), 0.0), of_col(as_index(cols), 0.0);
+  Moments squares;
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) {
+      of_row[as_index(r)] += at(r, c) / cols;
+      of_col[as_index(c)] += at(r, c) / rows;
+      if (r + down >= rows || c + across >= cols) continue;
+      const double both = at(r, c) - at(r + down, c) - at(r, c + across) + at(r + down, c + across);
+      squares.add(0.25 * both * both);
+    }
+  const double pixel = squares.count() > 0 ? squares.mean() : 0.0;
+  const double row = std::max(variance_of_next(of_row, down) - pixel / cols, 0.0);
+  const double col = std::max(variance_of_next(of_col, across) - pixel / rows, 0.0);
+  return blocks * (row / rows + col / cols + blocks * pixel / (double{1} * rows * cols));
 }
 
 }  // namespace
@@ -195,19 +230,23 @@ void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
       low = std::min(low, level);
       high = std::max(high, level);
     }
-  // Four standard errors of a difference of block means, so that few frames do not cry wolf.
+  // Four standard errors of a difference of block means, so that few frames, and the DSNU of few or
+  // unlike pixels and columns, do not cry wolf.
   const double pixels =
       static_cast<double>(geometry.rows()) * geometry.cols() / (kBlocks * kBlocks);
   const double of_one_dn2 =
       temporal_sd_dn * temporal_sd_dn / pixels + rows_in_block_dn2(kBlocks, geometry, out);
-  const double chance = 4.0 * std::sqrt(2.0 * of_one_dn2 / std::max(out.bias_frames, 1));
+  const double of_pattern_dn2 =
+      pattern_in_block_dn2(shading_dn, geometry, kBlocks, kOutlying * temporal_sd_dn);
+  const double chance =
+      4.0 * std::sqrt(2.0 * (of_one_dn2 / std::max(out.bias_frames, 1) + of_pattern_dn2));
   if (!(high - low > std::max(0.5 * temporal_sd_dn, chance))) return;
   const std::string of_noise = temporal_sd_dn > 0 ? fmt::format(", {:.2g} times the temporal noise",
                                                                 (high - low) / temporal_sd_dn)
                                                   : "";
   out.warnings.push_back(
-      fmt::format("the dark level differs by {:.3g} DN over the frame{}: light leak or amplifier "
-                  "glow",
+      fmt::format("the dark level differs by {:.3g} DN over the frame{}: light leak, amplifier "
+                  "glow, or outputs with levels of their own",
                   high - low, of_noise));
 }
 

@@ -38,8 +38,8 @@ void warn_of_outlying_noise(const std::vector<std::vector<ResidualHistogram>>& r
 void warn_of_high_level(const FrameFormat& format, PhysicsCalibration& out);
 
 /// Dark level whose means over the sixteenths of the frame differ by more than half of the temporal
-/// noise, and by more than chance and rows explain: light, or amplifier glow. Reads sigma_row,
-/// row_drift and bias_frames.
+/// noise, and by more than chance, rows and the fixed pattern of pixels, rows and columns explain:
+/// light, amplifier glow or outputs that differ. Reads sigma_row, row_drift and bias_frames.
 void warn_of_light(View<const float> shading_dn, const MosaicGeometry& geometry,
                    double temporal_sd_dn, PhysicsCalibration& out);
 
