@@ -21,6 +21,38 @@ std::size_t usable(const std::vector<TransferLevel>& levels) {
                     [](const TransferLevel& level) { return level.refused.empty(); }));
 }
 
+// Whether the values from `begin` to `end`, which rise, are one but for lamps and offsets.
+template <class Iterator>
+bool alike(Iterator begin, Iterator end) {
+  constexpr double kMost = 1.5;
+  return *(end - 1) < kMost * *begin;
+}
+
+// Of exposures in two units the light per second falls into two groups, a thousand or a million
+// apart.
+void warn_of_exposure_units(PhysicsCalibration& out) {
+  constexpr double kNear = 1.25;
+  constexpr std::size_t kFewest = 3;
+  std::vector<double> per_second;
+  for (const PhotonTransferPoint& point : out.transfer)
+    if (point.channel == 0 && point.exposure_s > 0 && point.mean_dn > 0 && !point.at_white &&
+        !point.saturated)
+      per_second.push_back(point.mean_dn / point.exposure_s);
+  if (per_second.size() < kFewest) return;
+  std::sort(per_second.begin(), per_second.end());
+  for (auto split = per_second.begin() + 1; split != per_second.end(); ++split)
+    for (const double units : {1e3, 1e6}) {
+      const double ratio = *split / *(split - 1) / units;
+      if (!(ratio > 1 / kNear && ratio < kNear)) continue;
+      if (!alike(per_second.begin(), split) || !alike(split, per_second.end())) continue;
+      out.warnings.push_back(fmt::format(
+          "{} of {} light levels have {:.0f} times less light for their exposure than the others: "
+          "are all exposures in seconds? Linearity, dark frames and dark current go by them",
+          split - per_second.begin(), per_second.size(), units));
+      return;
+    }
+}
+
 }  // namespace
 
 std::string most_frequent_reason(const std::vector<TransferLevel>& levels) {
@@ -95,6 +127,7 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits,
         "K rests on {} light levels; {} or more show whether the sensor is linear{}", used,
         kFewLevels, refused.empty() ? "" : fmt::format(" (left out are {})", refused)));
   }
+  warn_of_exposure_units(out);
   if (!bent.empty())
     out.warnings.push_back(fmt::format(
         "{}: the sensor is not linear (or its light or dark frames do not match the session file): "

@@ -19,7 +19,8 @@ void append_transfer(int channel, const Estimate<TransferFit>& fit,
                      const std::vector<TransferLevel>& levels, PhysicsCalibration& out);
 
 /// The fits of all channels into K and its intercepts, which stay empty where one has none; one
-/// warning for all channels that have the same trouble. levels: [channel][level]. Contract: all
+/// warning for all channels that have the same trouble, and one where the exposures seem to be in
+/// two units. levels: [channel][level]. Contract: all
 /// channels' transfer is appended.
 void append_fits(const std::vector<Estimate<TransferFit>>& fits,
                  const std::vector<std::vector<TransferLevel>>& levels, const SensorLayout& layout,
