@@ -105,5 +105,17 @@ TEST(CoarseSteps, OfDarkFramesOfOneCodeAreThoseOfFlats) {
   EXPECT_EQ(testing::calibrated(camera).quantization_dn, 1.0);
 }
 
+// The mean of noise of 0.42 steps, a fifth of a code off its middle, was 7 stated errors off.
+TEST(CoarseSteps, TheMeanOfRoundedNoiseIsWithinItsError) {
+  testing::SimulatedCamera camera = testing::mono_camera(0.02, 0.14, 0.42, 0.05, 5);
+  camera.rows = camera.cols = 128;
+  camera.flat_levels = 0;
+  camera.dsnu_dn = 0.1;
+  camera.gains[0].noise.channels[0].mu_dn = 0.2;
+  const PhysicsCalibration p = of_bias_frames(camera, [](RawFrame&, int) {});
+  EXPECT_LT(std::abs(p.mu.mean[0] - 0.2), 2.5 * p.mu.standard_error[0]);
+  EXPECT_LT(p.mu.standard_error[0], 0.02);
+}
+
 }  // namespace
 }  // namespace malus

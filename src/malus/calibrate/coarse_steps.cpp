@@ -92,6 +92,9 @@ void widen_by_coarse_steps(double quantization_dn, const std::vector<HiddenNoise
         std::numbers::pi;
     double& error = out.temporal_sd_dark_stderr_dn[c];
     error = std::hypot(error, 0.5 * variance * quantization_dn * quantization_dn / sd);
+    // The mean itself is off by φ sin 2πo / π.
+    out.mu.standard_error[c] =
+        std::hypot(out.mu.standard_error[c], left * quantization_dn / std::numbers::pi);
     widen_lines(2.0 * left, c, out.sigma_row);
     widen_lines(2.0 * left, c, out.sigma_column);
     out.dsnu_stderr_dn[c] = std::hypot(out.dsnu_stderr_dn[c], 2.0 * left * out.dsnu_dn[c]);

@@ -16,7 +16,7 @@ namespace malus {
 /// temporal_sd_dark_dn, sigma_tl, lambda and sigma_row.
 void warn_of_coarse_steps(double quantization_dn, PhysicsCalibration& out);
 
-/// What rounding may do to temporal_sd_dark_dn, sigma_row, sigma_column and dsnu_dn, into their
+/// What rounding may do to mu, temporal_sd_dark_dn, sigma_row, sigma_column and dsnu_dn, into their
 /// standard errors: its deviation over the offsets' place in a code, by the fitted law. hidden: per
 /// channel, or empty; where the step hides the noise, other errors hold. Reads the same and
 /// dsnu_dn.
