@@ -268,5 +268,21 @@ TEST(Defects, ALongListHoldsTheWorstOfAllChannels) {
   EXPECT_EQ(most_defects(MosaicGeometry(SensorLayout(), 10000, 15000, 1)), 1000000u);
 }
 
+// Lost columns, a fiftieth of the pixels: λ was 8 stated errors too small, sigma_TL 3 % (2.4).
+TEST(Defects, ConstantPixelsAreNoPartOfTheNoisesShape) {
+  testing::SimulatedCamera camera = testing::mono_camera(0.4, 0.14, 1.0, 0.3, 6);
+  camera.rows = camera.cols = 128;
+  camera.flat_levels = 3;
+  CalibrationInput input = testing::simulated_session(camera);
+  testing::change_frames(input, [](RawFrame& frame, int) {
+    for (const int c : {17, 50, 51})
+      for (int r = 0; r < 128; ++r) frame.dn(r, c) = 80;
+  });
+  const PhysicsCalibration p = calibrate_physics(input, {}, silent_progress()).physics.at(0);
+  const double truth = camera.gains[0].noise.channels[0].sigma_tl_dn;
+  EXPECT_NEAR(p.lambda.mean[0], 0.14, 3 * p.lambda.standard_error[0]);
+  EXPECT_NEAR(p.sigma_tl.mean[0], truth, 3 * p.sigma_tl.standard_error[0]);
+}
+
 }  // namespace
 }  // namespace malus

@@ -97,6 +97,19 @@ TEST(ScaledCodes, AreTold) {
   EXPECT_THAT(said_of(dark), Contains(told));
 }
 
+// One code that does not occur among the dark ones, 64 codes from the next: sigma_TL 23 % too
+// large, λ 0.34 for 0.14, and not a word.
+TEST(LeftOutCode, AmongTheDarkOnesIsTold) {
+  SimulatedCamera camera = testing::mono_camera(0.4, 0.14, 1.0, 0.3, 0);
+  camera.rows = camera.cols = 128;
+  camera.flat_levels = 8;
+  const auto told = HasSubstr("no dark pixel has the code 79");
+  const auto missing = coded_as(
+      [](double v) { return std::fmod(std::round(v), 64.0) == 15.0 ? std::round(v) - 1.0 : v; });
+  EXPECT_THAT(said_of(camera, missing), Contains(told));
+  EXPECT_THAT(said_of(simulated_session(camera)), Not(Contains(HasSubstr("no dark pixel has"))));
+}
+
 // Greens that white balance leaves as they are hid red's steps where the first channel is a green:
 // its sigma_TL was 23 % too large, and not a word.
 TEST(ScaledCodes, OfAnyChannelAreTold) {

@@ -50,5 +50,23 @@ TEST(OccupiedSpacing, IsOfTheCodesThatManyPixelsHave) {
   EXPECT_EQ(occupied_spacing({}), 0.0);
 }
 
+TEST(LeftOutCode, IsOneThatBothNeighboursHaveManyOf) {
+  std::vector<float> pixels;
+  const auto add = [&](int count, float dn) {
+    pixels.insert(pixels.end(), std::size_t(count), dn);
+  };
+  add(300, 62);
+  add(900, 66);
+  EXPECT_FALSE(left_out_code(pixels, 1));  // three codes are missing
+  EXPECT_EQ(left_out_code(pixels, 2), 64.0);
+  add(500, 64);
+  EXPECT_FALSE(left_out_code(pixels, 2));
+  EXPECT_EQ(left_out_code(pixels, 1), 65.0);  // between the most
+  add(40, 70);                                // far out, few have any
+  EXPECT_FALSE(left_out_code(pixels, 2));
+  EXPECT_FALSE(left_out_code(pixels, 0));
+  EXPECT_FALSE(left_out_code({}, 1));
+}
+
 }  // namespace
 }  // namespace malus

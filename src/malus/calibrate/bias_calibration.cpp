@@ -9,6 +9,7 @@
 #include "malus/calibrate/internal/dark_corrections.h"
 #include "malus/calibrate/internal/equal_values.h"
 #include "malus/calibrate/internal/fixed_pattern.h"
+#include "malus/calibrate/internal/floor_check.h"
 #include "malus/calibrate/internal/read_noise_shape.h"
 #include "malus/calibrate/internal/row_drift_fit.h"
 #include "malus/calibrate/internal/row_group.h"
@@ -18,6 +19,8 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -159,7 +162,7 @@ void level_of_ordinary_pixels(const std::vector<double>& all_dn,
 
 // What is known of a pixel's offset before its own frames are looked at: how the others' lie.
 void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int frames,
-                    FrameAnalyzer& analyzer) {
+                    Image constant, FrameAnalyzer& analyzer) {
   const std::vector<double> temporal = dark.temporal.variance_dn2();
   const double row =
       std::max(row_variance_of(dark.rows, mean_of(temporal), dark.rows.cols()).value_dn2, 0.0);
@@ -173,7 +176,7 @@ void expect_offsets(const DarkPass& dark, const OrdinaryPixels& ordinary, int fr
   for (std::size_t c = 0; c < temporal.size(); ++c)
     spread.push_back({ordinary.mean_dn[c], pattern[c] * pattern[c], within[c] * within[c], row,
                       std::max(temporal[c] - row, 0.0)});
-  analyzer.expect(spread);
+  analyzer.expect(spread, std::move(constant));
 }
 
 // A frame of one code shows no step; of whole numbers it is one.
@@ -235,8 +238,10 @@ DarkPass measure_dark(const GainRun& run, double step_dn) {
     for (int c = 0; i == 0 && c < geometry.channels(); ++c) {
       std::vector<float> pixels = some_pixels(frame.dn, geometry, c);
       const double step = quantization_step(pixels);
-      pass.codes.push_back(
-          {run.format().layout.channel_name(c), step, occupied_spacing(std::move(pixels))});
+      std::optional<double> left_out_dn = left_out_code(pixels, step);
+      if (left_out_dn) *left_out_dn -= run.zero_dn()[as_index(c)];
+      pass.codes.push_back({run.format().layout.channel_name(c), step,
+                            occupied_spacing(std::move(pixels)), left_out_dn});
     }
     pass.temporal.add(frame.dn);
     pass.successive.add(frame.dn);
@@ -270,18 +275,23 @@ void measure_bias(const GainRun& run, DarkPass& dark, PhysicsCalibration& out) {
   const OrdinaryPixels ordinary =
       several ? ordinary_pixels(pattern, 0.0, geometry, {}, dark.temporal.sum_of_squares())
               : ordinary_pixels(pattern, quantization_dn, geometry);
-  if (remove_pattern) expect_offsets(dark, ordinary, count, analyzer);
+  if (remove_pattern)
+    expect_offsets(dark, ordinary, count, constant_pixels(dark_pixels(dark, pattern), geometry),
+                   analyzer);
   BiasFrames frames;
   const double step = several ? step_of(run.first_dn(), quantization_dn) : 0.0;
   CodePairCounter pairs(geometry, step);
   FarthestValues farthest(dark_pixels(dark, pattern), geometry);
+  FloorCheck floors(run, dark);
   const auto drifts_dn = dark.temporal.frame_drifts_dn();
   run.each_frame(run.bias(), [&](const RawFrame& frame, int i) {
     frames.add(analyzer.analyze(frame.dn));
     pairs.add(frame.dn);
+    floors.add(frame.dn);
     farthest.add(frame.dn, drifts_dn[as_index(i)]);
   });
   dark.farthest = farthest.release();
+  floors.settle();
   const double kept = remove_pattern ? 1.0 - 1.0 / count : 1.0;
   std::vector<double> of_drift(format.black_dn.size(), 0.0);
   if (remove_pattern) of_drift = measure_drift(run, kept, frames, dark, out);

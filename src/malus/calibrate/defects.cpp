@@ -256,6 +256,19 @@ FoundDefects find_defects(const DarkPixels& with_glow, View<const float> respons
   return defects.release();
 }
 
+Image constant_pixels(const DarkPixels& dark, const MosaicGeometry& geometry) {
+  Image out;
+  for (int channel = 0; channel < geometry.channels(); ++channel) {
+    const DefectTest test(dark, geometry, channel);
+    for_channel(geometry, channel, [&](int, int, int r, int c) {
+      if (!test.constant(test.pixel(r, c))) return;
+      if (out.empty()) out = Image(geometry.rows(), geometry.cols());
+      out(r, c) = 1;
+    });
+  }
+  return out;
+}
+
 FarthestValues::FarthestValues(const DarkPixels& dark, const MosaicGeometry& geometry)
     : geometry_(geometry), mean_dn_(dark.shading_dn) {
   constexpr int kNeedsFrames = 6;

@@ -63,8 +63,9 @@ void warn_of_mixed_light(const std::vector<FlatObservation>& flats, const FlatRe
     return worst->sources[static_cast<std::size_t>(frame - worst->signal_dn.begin())];
   };
   out.warnings.push_back(fmt::format(
-      "{}: its frames run from {:.4g} DN of light ({}) to {:.4g} DN ({}){}: give frames of each "
-      "exposure and light level their own [[frames]], with `level`",
+      "{}: its frames run from {:.4g} DN of light ({}) to {:.4g} DN ({}){}: does the lamp flicker? "
+      "That does no harm; but if these are several exposures or light levels, give the frames of "
+      "each their own [[frames]], with `level`",
       worst->name, *low, source(low), *high, source(high), and_more(levels)));
 }
 
@@ -247,6 +248,21 @@ ScaledCodes scaled_codes(const std::vector<FlatObservation>& flats, std::size_t 
   return {spacing, spacing * spacing / 12.0 / dark, &codes};
 }
 
+void warn_of_left_out_code(const FlatReference& reference, PhysicsCalibration& out) {
+  constexpr double kOfStep = 0.5;  // narrower noise about two levels may leave the code between out
+  for (std::size_t c = 0; c < reference.codes.size(); ++c) {
+    const ChannelCodes& codes = reference.codes[c];
+    if (!codes.left_out_dn || !(out.temporal_sd_dark_dn[c] > kOfStep * codes.step_dn)) continue;
+    out.warnings.push_back(fmt::format(
+        "{}no dark pixel has the code {:g}, though both codes beside it have many: the converter "
+        "leaves it out, or values were multiplied by little more than 1 after the conversion. What "
+        "is measured in the dark (σ_TL, λ, σ_b, DSNU) may be far off; K hardly is. Set the "
+        "camera's black level some codes off",
+        reference.codes.size() > 1 ? codes.name + ": " : "", *codes.left_out_dn));
+    return;
+  }
+}
+
 }  // namespace
 
 void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatReference& reference,
@@ -256,7 +272,10 @@ void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatR
     const ScaledCodes own = scaled_codes(flats, c, reference.codes[c], out.temporal_sd_dark_dn[c]);
     if (own.channel && (!worst.channel || own.of_dark > worst.of_dark)) worst = own;
   }
-  if (!worst.channel) return;
+  if (!worst.channel) {
+    warn_of_left_out_code(reference, out);
+    return;
+  }
   out.warnings.push_back(fmt::format(
       "{} codes lie {:.4g} DN apart, but are no multiples of it: values were multiplied after the "
       "conversion (few bits stretched to 16, a digital gain, white balance), or the converter "

@@ -114,9 +114,10 @@ FrameComponents FrameAnalyzer::analyze(View<const float> dn) {
   return out;
 }
 
-void FrameAnalyzer::expect(const std::vector<OffsetSpread>& spread) {
+void FrameAnalyzer::expect(const std::vector<OffsetSpread>& spread, Image constant) {
   MALUS_REQUIRE(pattern_dn_ && static_cast<int>(spread.size()) == geometry_.channels());
   spread_ = spread;
+  constant_ = std::move(constant);
 }
 
 // What of a pixel's own mean over the other frames, and of its group's over the other pixels, is
@@ -186,7 +187,8 @@ void FrameAnalyzer::fill_group(View<const float> dn, const Sums& sums, int group
         const float known = pattern(r, col), own = dn(r, col) - known - mean, away = known - centre;
         // Hot, or hit by a value far out in the tail in another frame: no prior holds for it. Its
         // own value in this frame has no part in the choice.
-        if (!spread_.empty() && std::abs(away - own * back) > reach) {
+        if (!spread_.empty() && (std::abs(away - own * back) > reach ||
+                                 (!constant_.empty() && constant_(r, col) > 0))) {
           value[col] = std::numeric_limits<float>::quiet_NaN();
           continue;
         }

@@ -21,6 +21,7 @@ set(calibrate_SOURCES
   flat_checks.cpp
   flat_level.cpp
   flat_patterns.cpp
+  floor_check.cpp
   frame_components.cpp
   frame_set.cpp
   gain_map.cpp

@@ -66,4 +66,26 @@ double occupied_spacing(std::vector<float> pixels_dn) {
   return (double{last} - first) / static_cast<double>(last_common - 1);
 }
 
+std::optional<double> left_out_code(std::vector<float> pixels_dn, double step) {
+  constexpr double kShare = 0.05, kFewest = 100;
+  if (!(step > 0)) return std::nullopt;
+  std::sort(pixels_dn.begin(), pixels_dn.end());
+  std::optional<double> left_out;
+  double most = std::max(kShare * static_cast<double>(pixels_dn.size()), kFewest);
+  double below = 0, before = 0;
+  for (auto at = pixels_dn.begin(); at != pixels_dn.end();) {
+    const auto next = std::upper_bound(at, pixels_dn.end(), *at);
+    const auto here = static_cast<double>(next - at);
+    if (const double fewer = std::min(here, below);
+        fewer >= most && std::round((*at - before) / step) == 2.0) {
+      most = fewer;
+      left_out = before + step;
+    }
+    below = here;
+    before = *at;
+    at = next;
+  }
+  return left_out;
+}
+
 }  // namespace malus

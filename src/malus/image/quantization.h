@@ -3,6 +3,7 @@
 
 #include "malus/image/view.h"
 
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -25,5 +26,10 @@ double code_spacing(std::vector<float> pixels_dn);
 /// in use from the first to the last that 20 of these pixels have, the outer twentieths left out. 0
 /// from fewer than three such codes.
 double occupied_spacing(std::vector<float> pixels_dn);
+
+/// A code that none of these pixels has, though both its neighbours have many of them (a twentieth
+/// and a hundred at least), as where a converter leaves codes out; of several the one between the
+/// most pixels. step: of the codes; none where it is 0.
+std::optional<double> left_out_code(std::vector<float> pixels_dn, double step);
 
 }  // namespace malus

@@ -53,6 +53,10 @@ struct FoundDefects {
 FoundDefects find_defects(const DarkPixels& dark, View<const float> response,
                           const MosaicGeometry& geometry);
 
+/// 1 where a pixel is "stuck" by its dark frames alone, which flats may contradict; empty where
+/// none is.
+Image constant_pixels(const DarkPixels& dark, const MosaicGeometry& geometry);
+
 /// Twice the share that is warned of, but 100000 in small frames, and no more than a million, which
 /// is what a model file holds.
 std::size_t most_defects(const MosaicGeometry& geometry);

@@ -7,6 +7,7 @@
 #include "malus/noise/calibration.h"
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -61,6 +62,7 @@ struct ChannelCodes {
   std::string name;
   double step_dn = 0;     ///< of which all values are multiples; 0: not whole numbers
   double spacing_dn = 0;  ///< occupied_spacing; 0: not known
+  std::optional<double> left_out_dn = {};  ///< left_out_code, as the files hold it
 };
 
 /// What they are judged by.
@@ -93,7 +95,9 @@ struct FlatReference {
 /// level where they are finest: values were multiplied after the conversion (white balance scales
 /// some channels alone; the worst is told), or the converter leaves codes out. Not where the
 /// rounding that this hides is below 0.1 % of the dark variance and the codes that do not occur lie
-/// closer than two deviations of the dark noise. Reads temporal_sd_dark_dn.
+/// closer than two deviations of the dark noise. Else a warning where a code among a channel's dark
+/// ones does not occur, though their noise is half a step wide or more: that bends what is measured
+/// of it, however far away the next such code is. Reads temporal_sd_dark_dn.
 void warn_of_scaled_codes(const std::vector<FlatObservation>& flats, const FlatReference& reference,
                           PhysicsCalibration& out);
 

@@ -43,11 +43,13 @@ class FrameAnalyzer {
                 const Image* fixed_pattern_dn, int frames, std::vector<double> cell_dn);
 
   /// From now on residuals are about posterior means of the offsets, and pixels whose mean over the
-  /// other frames is no ordinary one are not among them. A pixel's own mean as its offset blurs the
-  /// residuals: where all offsets lie at one phase of the converter's lattice it does so otherwise
-  /// than the fit supposes, and of heavy-tailed noise not normally. Contract: the fixed pattern is
-  /// removed; one entry per channel, variances not negative.
-  void expect(const std::vector<OffsetSpread>& spread);
+  /// other frames is no ordinary one are not among them, nor are those that `constant` marks. A
+  /// pixel's own mean as its offset blurs the residuals: where all offsets lie at one phase of the
+  /// converter's lattice it does so otherwise than the fit supposes, and of heavy-tailed noise not
+  /// normally. Contract: the fixed pattern is removed; one entry per channel, variances not
+  /// negative. constant: above 0 where a pixel never changes, which would count as noise that is
+  /// narrower; empty: none.
+  void expect(const std::vector<OffsetSpread>& spread, Image constant);
 
   FrameComponents analyze(View<const float> dn);
 
@@ -74,6 +76,7 @@ class FrameAnalyzer {
   double kept_;  ///< share of a frame's variance left after the fixed pattern's removal
   std::vector<double> cell_dn_, pattern_mean_dn_;
   std::vector<OffsetSpread> spread_;  ///< empty: nothing is known of the offsets
+  Image constant_;
   SquareMatrix row_products_;
   int analyzed_ = 0;
 };
