@@ -171,10 +171,14 @@ std::string gain_text(double db, bool in_iso) { return GainSetting::at_decibel(d
 void add_joint(Lines& lines, const JointGainModel& joint, bool in_iso) {
   lines.add("\nJoint model over gain: y = slope log K + intercept, means over the channels");
   for (const JointSegment& s : joint.segments) {
+    if (s.knots_db.size() < 2) {
+      lines.add("  {}, K {:.4g} DN/e-: one gain, with no other to go to",
+                gain_text(s.knots_db.front(), in_iso), std::exp(s.log_K_low()));
+      continue;
+    }
     lines.add("  {} to {}, K {:.4g} to {:.4g} DN/e-: K x{:.4f} per 6 dB",
               gain_text(s.knots_db.front(), in_iso), gain_text(s.knots_db.back(), in_iso),
               std::exp(s.log_K_low()), std::exp(s.log_K_high()), std::exp(6.0 * s.K_of_gain.slope));
-    if (s.knots_db.size() < 2) continue;
     Table table{{"", "y", "slope", "intercept", "residual"}};
     for (const auto& [name, laws] :
          {std::pair("-mu", &s.minus_mu), std::pair("variance of mu", &s.mu_variance),

@@ -142,9 +142,10 @@ Distribution distribution_of(const NoiseModel& model, const PhysicsCalibration& 
   double total = 0;
   for (const double count : counts) total += count;
   const double sd = residual_deviation(counts, cell);
-  // The converter's step shows in cells finer than it: bins are a DN or a quarter deviation wide.
+  // The converter's step shows in cells finer than it: bins are a DN or a quarter deviation wide, a
+  // DN where counts are beyond what has a deviation.
   const auto merged =
-      static_cast<std::size_t>(std::clamp(std::ceil(std::max(0.25 * sd, 1.0) / cell), 1.0,
+      static_cast<std::size_t>(std::clamp(std::ceil(std::max(1.0, 0.25 * sd) / cell), 1.0,
                                           std::max(1.0, static_cast<double>(counts.size()))));
   const double width = static_cast<double>(merged) * cell;
   Distribution d;

@@ -119,10 +119,10 @@ void fit_bias(const Gains& gains, JointSegment& segment, std::vector<std::string
     segment.minus_mu.push_back(
         fit_law(segment.knots_log_K, series, others > 0 ? Logarithm::kNone : Logarithm::kOfAll));
   if (others > 0)
-    notes.push_back(
-        fmt::format("-mu is no power of K in {} of {} channels (it is near 0 or changes its sign "
-                    "at a gain, or is a line in K): linear in K between the gains",
-                    others, minus_mu.size()));
+    notes.push_back(fmt::format(
+        "from {} to {} -mu is no power of K in {} of {} channels (it is near 0 or "
+        "changes its sign at a gain, or is a line in K): linear in K between the gains",
+        gains.front()->gain.text(), gains.back()->gain.text(), others, minus_mu.size()));
 }
 
 JointSegment fit_segment(const Gains& gains, std::vector<std::string>& notes) {
