@@ -13,6 +13,7 @@
 #include "malus/io/shard.h"
 #include "malus/noise/model.h"
 #include "malus/synthesize/dataset.h"
+#include "malus/synthesize/light_scale.h"
 
 #include <algorithm>
 #include <cmath>
@@ -20,6 +21,7 @@
 #include <map>
 #include <memory>
 #include <mutex>
+#include <utility>
 
 #include "dataset_camera.h"
 #include "dataset_folder.h"
@@ -107,7 +109,9 @@ WorkerPlace worker_of(const DatasetArguments& arguments) {
 // Clean mosaics above black, loaded when first needed and kept while they fit.
 class CleanSources {
  public:
-  CleanSources(const Plan& plan, const NoiseModel& model) : plan_(plan) {
+  CleanSources(const Plan& plan, const NoiseModel& model)
+      : plan_(plan),
+        white_dn_(model.white_dn > 0 ? white_above_black(model.white_dn, model.black_dn) : 0) {
     FrameOptions declared;
     declared.black_dn = plan.black_dn;
     for (const fs::path& path : plan.cleans) {
@@ -127,6 +131,9 @@ class CleanSources {
     RawFrame frame = load_frame(plan_.cleans[index], options_[index]);
     if (frame.holds_codes()) subtract_black(frame);  // float files hold DN above black already
     require_finite(frame.dn, plan_.cleans[index].string());
+    if (const std::string line = light_scale_complaint(frame.dn, white_dn_);
+        !line.empty() && !std::exchange(scale_said_, true))
+      warn_of(plan_.cleans[index].string(), line);
     if (held_pixels_ > kMostPixels) {
       held_.clear();
       held_pixels_ = 0;
@@ -138,6 +145,8 @@ class CleanSources {
  private:
   static constexpr std::size_t kMostPixels = std::size_t{1} << 28;  // 1 GiB
   const Plan& plan_;
+  double white_dn_;  // above black; 0: not known
+  bool scale_said_ = false;
   std::vector<FrameOptions> options_;  // of each clean
   std::vector<std::pair<int, int>> sizes_;
   std::mutex mutex_;

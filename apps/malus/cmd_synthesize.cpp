@@ -9,6 +9,7 @@
 #include "malus/noise/model.h"
 #include "malus/noise/same_sensor.h"
 #include "malus/noise/sensor_window.h"
+#include "malus/synthesize/light_scale.h"
 #include "malus/synthesize/synthesizer.h"
 
 #include <algorithm>
@@ -16,6 +17,7 @@
 #include <functional>
 #include <iterator>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "denoise_files.h"
@@ -119,6 +121,7 @@ struct FrameSource {
   std::string sensor;
   SensorLayout layout;
   int row_group = 1;
+  double white_dn = 0;  ///< above black; 0: not known
   std::function<RawFrame(const Image& clean, const DrawAddress& address)> draw;
   std::shared_ptr<LevelCoverage> coverage = std::make_shared<LevelCoverage>();  ///< of all drawn
   std::function<std::string(const Image& clean)> caution = [](const Image&) { return ""; };
@@ -142,6 +145,7 @@ FrameSource calibrated_source(const SynthesizeArguments& arguments,
   return {model.sensor,
           model.layout,
           model.row_group,
+          model.white_dn > 0 ? white_above_black(model.white_dn, model.black_dn) : 0.0,
           [=, &arguments](const Image& clean, const DrawAddress& address) {
             return naming_model(arguments.model, [&] {
               return draw(*synthesizer, arguments, clean, gain, address, *coverage);
@@ -166,6 +170,7 @@ FrameSource flow_source(const SynthesizeArguments& arguments,
     throw InputError("--gain random", "is not offered by a Noise Flow", "give a gain in dB");
   const std::shared_ptr<FlowSampler> flow = networks().open_flow(arguments.model);
   return {kNoiseFlowCamera, SensorLayout::named(flow->sensor().layout), 1,
+          white_above_black(flow->sensor().white_dn, flow->sensor().black_dn),
           [=, &arguments](const Image& clean, const DrawAddress& address) {
             Image signal = clean;
             for (float& value : signal.values())
@@ -251,12 +256,16 @@ void run_synthesize(SynthesizeArguments arguments, const Common& common) {
   save.type = sample_type(arguments);
   Json frames = Json::array();
   std::string said;
+  bool scale_said = false;
   std::uint32_t number = arguments.first_frame;
   const auto work = [&] {
     for (std::size_t i = 0; i < arguments.inputs.size(); ++i) {
       const Image clean = load_clean(arguments.inputs[i], arguments, source.layout);
       if (const std::string caution = source.caution(clean); !caution.empty() && caution != said)
         warn(said = caution);
+      if (const std::string line = light_scale_complaint(clean, source.white_dn);
+          !line.empty() && !std::exchange(scale_said, true))
+        warn_of(arguments.inputs[i].string(), line);
       for (int n = 0; n < arguments.frames; ++n, ++number) {
         check_stop(*progress);
         const RawFrame noisy = source.draw(clean, {.seed = common.seed,

@@ -6,6 +6,7 @@
 #include "malus/image/black_levels.h"
 #include "malus/image/pack.h"
 #include "malus/synthesize/exact.h"
+#include "malus/synthesize/light_scale.h"
 
 #include <algorithm>
 #include <string>
@@ -121,6 +122,18 @@ Array clean_from(const py::array& numbers, const NoiseAtGain& noise, const Place
   return clean;
 }
 
+// In whatever order the pixels are.
+void warn_of_scale(const Array& clean, const NoiseModel& model) {
+  if (clean.size() == 0 || !(model.white_dn > 0)) return;
+  const auto cols = clean.shape(clean.ndim() - 1);
+  const View<const float> light({clean.data(), static_cast<std::size_t>(clean.size())},
+                                static_cast<int>(clean.size() / cols), static_cast<int>(cols),
+                                cols);
+  const std::string line =
+      light_scale_complaint(light, white_above_black(model.white_dn, model.black_dn));
+  if (!line.empty()) give_warning("clean: " + line);
+}
+
 }  // namespace
 
 py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, const Place& place,
@@ -137,6 +150,7 @@ py::object synthesize(const NoiseAtGain& noise, const py::object& clean_object, 
   if (dimensions > 2 && (place.row0 != 0 || place.col0 != 0))
     throw py::value_error("row0 and col0 place a mosaic; packed planes are whole frames");
   const Array clean = clean_from(numbers, noise, place, pixels.black);
+  warn_of_scale(clean, noise.model());  // now: out may be clean
   const std::vector<py::ssize_t> shape(clean.shape(), clean.shape() + dimensions);
   py::array noisy = out.is_none() ? py::array(py::array_t<float>(shape)) : output_from(out);
   if (noisy.ndim() != dimensions || !std::equal(shape.begin(), shape.end(), noisy.shape()))

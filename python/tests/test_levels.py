@@ -152,7 +152,7 @@ def test_light_beyond_the_calibrated_levels_is_said(tmp_path):
     model = malus.calibrate(ROOT / "examples/emva/session.toml", kinds=["nonparametric"], level_samples=2000)
     model.save(tmp_path / "m.h5")
     bright = np.full((2, 1, 96, 64), 100.0, np.float32)
-    bright[1] = 10000
+    bright[1] = 4000
     with pytest.warns(UserWarning, match="^50 % of the pixels lie above the brightest level") as batch:
         model.synthesize(bright, kind="nonparametric")
     assert len(batch) == 1
@@ -325,3 +325,17 @@ def test_a_mean_of_unknown_white_is_told():
     frame = malus.Frame(np.full((16, 16), 300, np.uint16), layout=LAYOUT, black=82)
     with pytest.warns(UserWarning, match="white level not known"):
         malus.average([frame, frame])
+
+
+def test_light_of_another_scale_is_said():
+    """Of 0 to 1, or of 16 bits for a camera of 12; in one text, which Python shows once."""
+    model = malus.Model(MODEL)
+    light = np.linspace(0, 3000, 16 * 32 * 32, dtype=np.float32).reshape(16, 32, 32)
+    for given, words in ((light / 3000, "^clean: no pixel is brighter than 1 DN"), (light * 16, "^clean: .* brighter than white, 4013 DN")):
+        for clean in (given, given[None], given[0]):
+            with pytest.warns(UserWarning, match=words):
+                model.synthesize(clean, gain=12)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.synthesize(light, gain=12)
+        model.synthesize(np.full((8, 8), 0.5, np.float32), gain=12)

@@ -229,3 +229,20 @@ def test_a_gain_that_the_model_lacks_is_named_before_anything_is_written(refused
     assert not (tmp_path / "out").exists()
     plan.write_text(plan.read_text().replace("99", "9"))
     malus("dataset", plan, "-o", tmp_path / "out")
+
+
+def test_pictures_of_another_scale_are_said(malus, tmp_path):
+    """Of 0 to 1, or of 16 bits for a camera of 12: noise was drawn of them, and data sets made, without a word."""
+    scene = smooth_scene(128, 128)
+    said = {"unit_clean.npy": "no pixel is brighter than 1 DN", "wide_clean.npy": "brighter than white, 4013 DN"}
+    np.save(tmp_path / "unit_clean.npy", scene / 4000)
+    np.save(tmp_path / "wide_clean.npy", scene * 16)
+    np.save(tmp_path / "right.npy", scene)
+    for name, words in said.items():
+        (tmp_path / "plan.toml").write_text(f'model = "{MODEL}"\nclean = ["{name}"]\n[dataset]\nsamples = 2\npatch = 64\n')
+        for run in (["dataset", tmp_path / "plan.toml", "-o", tmp_path / f"set_{name}"],
+                    ["synthesize", tmp_path / name, tmp_path / name.replace("clean", "copy"), "-m", MODEL, "--gain", 12, "-o", tmp_path / "out"]):
+            np.save(tmp_path / name.replace("clean", "copy"), np.load(tmp_path / name))
+            lines = [line for line in malus(*run).err.splitlines() if line.startswith("warning")]
+            assert len(lines) == 1 and name in lines[0] and words in lines[0], lines
+    assert "warning" not in malus("synthesize", tmp_path / "right.npy", "-m", MODEL, "--gain", 12, "-o", tmp_path / "out").err
