@@ -3,6 +3,7 @@
 #include "malus/base/error.h"
 #include "malus/base/statistics.h"
 #include "malus/base/text.h"
+#include "malus/evaluate/noise_cautions.h"
 #include "malus/image/frame_mean.h"
 #include "malus/image/pack.h"
 #include "malus/neural/noise_flow_file.h"
@@ -203,19 +204,6 @@ std::string comparison_text(const NoiseComparison& c, int bins) {
   return text;
 }
 
-// Shading and fixed pattern of one side alone are no noise, and were most of the distance.
-void warn_of_fixed_pattern(const NoiseComparison& c, const NoiseArguments& arguments) {
-  constexpr double kOfVariance = 0.1;
-  if (arguments.settings.remove_fixed_pattern) return;
-  const double reference = c.reference.between_frames, test = c.test.between_frames;
-  if (!(std::abs(reference - test) > kOfVariance)) return;
-  warn(fmt::format(
-      "{} % of the variance of the {} is alike from frame to frame, shading or a fixed pattern "
-      "that the {} have not: --remove-fixed-pattern compares the temporal noise",
-      percent_text(std::max(reference, test)), reference > test ? "reference" : "tests",
-      reference > test ? "tests" : "reference"));
-}
-
 // Of noise that is small beside the step, rounding leaves little to compare.
 void tell_of_rounding(const NoiseComparison& c, const Common& common) {
   constexpr double kFewSteps = 0.5;
@@ -275,7 +263,7 @@ void run_noise_comparison(const NoiseArguments& given, const RawOptions& raw,
   const NoiseComparison comparison =
       compare_noise(reference, test, clean, layout, arguments.settings, *progress);
   warn_of_copies(comparison, arguments);
-  warn_of_fixed_pattern(comparison, arguments);
+  for (const std::string& line : cautions_of(comparison, arguments.settings)) warn(line);
   tell_of_rounding(comparison, common);
   print_result(common, comparison_json(comparison, arguments.settings, layout),
                comparison_text(comparison, arguments.settings.bins));

@@ -2,6 +2,7 @@
 #include "malus/base/error.h"
 #include "malus/evaluate/divergence.h"
 #include "malus/evaluate/evaluation.h"
+#include "malus/evaluate/noise_cautions.h"
 #include "malus/evaluate/noise_comparison.h"
 #include "malus/image/pack.h"
 
@@ -13,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "array_frame.h"
 #include "arrays.h"
 #include "settings.h"
 #include <fmt/format.h>
@@ -20,6 +22,21 @@
 
 namespace malus::python {
 namespace {
+
+// Nobody tells the black level of integers here: they are taken as they are.
+void warn_of_codes(const py::object& reference, const py::object& test, bool black_matters) {
+  const bool first = holds_codes(numbers_from(reference, "reference")),
+             second = holds_codes(numbers_from(test, "test"));
+  if (first != second)
+    give_warning(fmt::format(
+        "{}: holds integers, which are taken as DN above black like the floats beside them; "
+        "subtract their black level if they hold one",
+        first ? "reference" : "test"));
+  else if (first && black_matters)
+    give_warning(
+        "reference and test hold integers, which are taken as DN above black; DoLP is too low if "
+        "they hold a black level: subtract it");
+}
 
 py::dict evaluate(const py::object& reference, const py::object& test, const std::string& layout,
                   double peak) {
@@ -34,6 +51,7 @@ py::dict evaluate(const py::object& reference, const py::object& test, const std
     throw InputError("peak", fmt::format("is {:g} DN", peak), "give a finite number above 0");
   const auto sensor = SensorLayout::named(layout);
   require_whole_cell(a, sensor, "reference");
+  warn_of_codes(reference, test, sensor.polarized());
   std::optional<Evaluation> result;
   {
     const py::gil_scoped_release release;
@@ -65,6 +83,7 @@ py::dict compare(const py::object& reference, const py::object& test, const std:
   std::optional<Image> scene;
   if (!clean.is_none()) scene = image_of(input_from(clean, "clean"), "clean");
   const auto sensor = SensorLayout::named(layout);
+  warn_of_codes(reference, test, false);
   PythonProgress progress;
   NoiseComparison result;
   {
@@ -72,6 +91,7 @@ py::dict compare(const py::object& reference, const py::object& test, const std:
     result = compare_noise(frames_of(first), frames_of(second), scene, sensor, settings, progress);
   }
   progress.give_warnings();
+  for (const std::string& line : cautions_of(result, settings)) give_warning(line);
   py::dict out;
   for (const auto& quantity : quantities_of(result))
     out[quantity.name.c_str()] =

@@ -339,3 +339,23 @@ def test_light_of_another_scale_is_said():
         warnings.simplefilter("error")
         model.synthesize(light, gain=12)
         model.synthesize(np.full((8, 8), 0.5, np.float32), gain=12)
+
+
+def test_comparisons_say_what_is_no_noise():
+    """A clean scene of ten times the light matched every noise there is, and codes were compared with light, without a word."""
+    model = malus.Model(MODEL)
+    clean = np.tile(np.linspace(20, 900, 96, dtype=np.float32), (96, 1))
+    first, second = (np.stack([model.synthesize(clean, gain=12, frame=2 * k + i) for i in range(2)]) for k in range(2))
+    with pytest.warns(UserWarning, match="reference shows 0.1 times the light of clean"):
+        assert malus.compare_noise(first, second, LAYOUT, 10 * clean)["sqrt_jsd"] < 0.05
+    codes = np.rint(first + 82).astype(np.uint16)
+    with pytest.warns(UserWarning, match="^reference: holds integers"):
+        malus.compare_noise(codes, second, LAYOUT, clean)
+    with pytest.warns(UserWarning, match="^test: holds integers"):
+        malus.evaluate(clean, codes[0], LAYOUT, 4013)
+    with pytest.warns(UserWarning, match="DoLP is too low"):
+        malus.evaluate(codes[1], codes[0], LAYOUT, 4013)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        malus.compare_noise(first, second, LAYOUT, clean)
+        malus.evaluate(codes[1], codes[0], "mono", 4013)

@@ -2,6 +2,7 @@
 
 #include "malus/base/parallel.h"
 #include "malus/base/random.h"
+#include "malus/evaluate/noise_cautions.h"
 #include "malus/evaluate/noise_structure.h"
 
 #include <cmath>
@@ -31,6 +32,35 @@ TEST(CompareNoise, WhatFramesHaveInCommonIsTheirCorrelation) {
   const auto one = compare_noise(frames_of(ramp(), noise, 1, 1), frames_of(ramp(), noise, 1, 2),
                                  std::nullopt, SensorLayout(), {});
   EXPECT_EQ(one.reference.between_frames, 0);
+}
+
+// The clean scene of frames that were taken at a tenth of its light: nearly all of it was noise,
+// and a fixed pattern was suspected. A scene that is mostly noise tells no light.
+TEST(CompareNoise, ACleanSceneOfAnotherLightIsTold) {
+  const Noise noise{.sd = 5, .mean = 3};
+  const Image clean = ramp();
+  Image tenth = clean, tenfold = clean;
+  for (float& v : tenth.values()) v *= 0.1f;
+  for (float& v : tenfold.values()) v *= 10.0f;
+  const auto cautions = [&](const Image& scene_of_test, const Image& stated, int frames) {
+    const auto result =
+        compare_noise(frames_of(clean, noise, frames, 1),
+                      frames_of(scene_of_test, noise, frames, 2), stated, SensorLayout(), {});
+    std::string all;
+    for (const std::string& line : cautions_of(result, {})) all += line + "\n";
+    return all;
+  };
+  EXPECT_EQ(cautions(clean, clean, 1), "");
+  const std::string both = cautions(clean, tenfold, 2);
+  EXPECT_NE(both.find("the reference shows 0.1 times the light of clean"), std::string::npos);
+  EXPECT_NE(both.find("the tests show 0.1 times"), std::string::npos);
+  EXPECT_EQ(both.find("alike"), std::string::npos);
+  const std::string one = cautions(tenth, clean, 2);
+  EXPECT_EQ(one.find("the reference"), std::string::npos);
+  EXPECT_NE(one.find("the tests show 0.1 times"), std::string::npos);
+  EXPECT_NE(cautions(tenth, tenth, 1).find("the reference shows 10 times"), std::string::npos);
+  const Image dark = ramp(true), noisy_scene = frames_of(dark, noise, 1, 3).load(0);
+  EXPECT_FALSE(light_over_clean(frames_of(dark, noise, 1, 4).load(0), noisy_scene, SensorLayout()));
 }
 
 // Small planes: the lines' means hold a quarter of 8 x 8 pixels' own variance, which is not theirs.

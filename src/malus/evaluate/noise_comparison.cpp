@@ -8,6 +8,7 @@
 #include "malus/evaluate/image_metrics.h"
 #include "malus/evaluate/internal/common_offsets.h"
 #include "malus/evaluate/internal/compared_frames.h"
+#include "malus/evaluate/noise_cautions.h"
 #include "malus/evaluate/noise_structure.h"
 
 #include <algorithm>
@@ -214,6 +215,17 @@ void require_one_size(const Image& reference, const Image& test) {
                    "compare frames of one size");
 }
 
+// What the sides' first frames tell of their light, and nothing else yet.
+NoiseComparison light_of(const Image& reference, const Image& test,
+                         const std::optional<Image>& clean_dn, const SensorLayout& layout) {
+  NoiseComparison result;
+  if (!clean_dn) return result;
+  if (const auto light = light_over_clean(reference, *clean_dn, layout))
+    result.reference_light = *light;
+  if (const auto light = light_over_clean(test, *clean_dn, layout)) result.test_light = *light;
+  return result;
+}
+
 void require_finite(const MomentsByLevel& a, const MomentsByLevel& b) {
   if (a.signal.count() < 2 || b.signal.count() < 2)
     throw InputError("the frames", "hold no finite pixels", "check what was written into them");
@@ -234,6 +246,7 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   ComparedFrames b(test, clean_dn, group, "the test frames", progress);
   Image first_a = a.frame(0), first_b = b.frame(0);  // in this order: the reference is named first
   require_one_size(first_a, first_b);
+  NoiseComparison result = light_of(first_a, first_b, clean_dn, layout);
   const CommonCodes codes = take_common_codes(first_a, first_b, a, b);
   const NoiseGround &ground_a = a.of_group(0, progress), &ground_b = b.of_group(0, progress);
   const Image noise_a = ground_a.noise_of(a.counted(std::move(first_a)));
@@ -251,7 +264,6 @@ NoiseComparison compare_noise(const NoiseFrames& reference, const NoiseFrames& t
   CommonOffsets offsets_a(bins.size(), noise_a.rows()), offsets_b = offsets_a;
   const auto counts_a = histograms_of(a, levels, bins, structure_a, offsets_a, progress);
   const auto counts_b = histograms_of(b, levels, bins, structure_b, offsets_b, progress);
-  NoiseComparison result;
   result.reference_rounded_dn = codes.reference_rounded_dn;
   result.test_rounded_dn = codes.test_rounded_dn;
   result.reference = structure_a.result(), result.test = structure_b.result();

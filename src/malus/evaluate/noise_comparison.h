@@ -82,6 +82,9 @@ struct NoiseComparison {
   /// divergences; 0: they are as they were. Beside codes, noise that was never rounded would differ
   /// by what the converter's step hides, which says nothing of the noise.
   double reference_rounded_dn = 0, test_rounded_dn = 0;
+  /// How many times the clean scene's light each side's first frame shows (light_over_clean); empty
+  /// where there is no such scene, or the noise hides it.
+  std::optional<double> reference_light, test_light;
 };
 inline constexpr std::int64_t kEnoughSamples = 1000;
 

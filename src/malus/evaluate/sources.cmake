@@ -5,6 +5,7 @@ set(evaluate_SOURCES
   evaluation.cpp
   image_metrics.cpp
   leave_one_gain_out.cpp
+  noise_cautions.cpp
   noise_comparison.cpp
   noise_quantities.cpp
   noise_structure.cpp
