@@ -101,6 +101,13 @@ TEST(Sensors, GainsAreThoseOfTheKind) {
   config.noise.gains = {6, 24};
   EXPECT_NE(testing::problem_of([&] { make_pair_source(config); }).find("gains in [noise]: 24 dB"),
             std::string::npos);
+  config.models.push_back("imx250myr-simulated");  // of several it is told which
+  config.synthesis.kind = "physics";
+  config.noise.gains = {48};
+  EXPECT_NE(testing::problem_of([&] {
+              make_pair_source(config);
+            }).find("gains in [noise], of " + model.sensor + ": 48 dB"),
+            std::string::npos);
 }
 
 TEST(Sensors, OfAKindThatTheModelDoesNotHoldAreNamedByTheirKey) {

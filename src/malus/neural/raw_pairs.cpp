@@ -39,7 +39,8 @@ class SyntheticPairs final : public PairSource {
         .only_flows = std::ranges::all_of(config.models, names_noise_flow)};
     for (const auto& path : config.models) {
       cameras_.push_back(open_camera(path, config.package, options));
-      naming_source(config.source.string(), [&] { require_served(*cameras_.back()); });
+      naming_source(config.source.string(),
+                    [&] { require_served(*cameras_.back(), config.models.size() > 1); });
     }
   }
 
@@ -92,9 +93,10 @@ class SyntheticPairs final : public PairSource {
 
  private:
   // What no example could be drawn with fails here, where the configuration is known.
-  void require_served(const CameraNoise& camera) const {
+  void require_served(const CameraNoise& camera, bool one_of_several) const {
     camera.require_drawable();
-    naming_key("gains in [noise]", [&] {
+    const std::string whose = one_of_several ? ", of " + camera.camera().sensor : "";
+    naming_key("gains in [noise]" + whose, [&] {
       for (const double gain : noise_.gains) camera.require_gain(camera.setting_of(gain));
     });
   }
