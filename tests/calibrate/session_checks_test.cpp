@@ -362,17 +362,19 @@ TEST(Session, RowGroupsThatAreNotFoundAreToBeDeclared) {
 
 // Half of the exposures in milliseconds: a linearity error of 24 %, and nothing to warn about.
 TEST(Session, ExposuresInTwoUnitsAreTold) {
-  const auto told = [](double unit_of_bright) {
+  const auto told = [](double unit_of_bright, double every_other = 1) {
     CalibrationInput input = simulated_session(mono_camera());
     for (FrameSet& set : input.sets)
       if (set.kind == FrameKind::kFlat)
-        set.exposure_s = 1e-3 * (*set.level + 1) * (*set.level > 5 ? unit_of_bright : 1.0);
+        set.exposure_s = 1e-3 * (*set.level + 1) * (*set.level > 5 ? unit_of_bright : 1.0) *
+                         (*set.level % 2 == 0 ? every_other : 1.0);
     return warnings_of(input);
   };
   const auto units = HasSubstr("are all exposures in seconds");
   EXPECT_THAT(told(1000), Contains(AllOf(units, HasSubstr("1000 times less light"))));
   EXPECT_THAT(told(1), Not(Contains(units)));
-  EXPECT_THAT(told(30), Not(Contains(units)));  // a lamp that was turned down
+  EXPECT_THAT(told(30), Not(Contains(units)));       // a lamp that was turned down,
+  EXPECT_THAT(told(3000, 3), Not(Contains(units)));  // and one that had several brightnesses
 }
 
 }  // namespace

@@ -26,7 +26,7 @@ struct LineSums {
 
 bool is_other_light(const std::optional<double>& light) {
   constexpr double kMuch = 1.25;
-  return light && !(*light<kMuch&& * light> 1 / kMuch);
+  return light && (*light >= kMuch || *light <= 1 / kMuch);
 }
 
 std::string light_caution(const char* side, double light) {
