@@ -179,6 +179,23 @@ TEST(PhotonTransfer, ANonlinearSensorsErrorHoldsTheGainWithoutLight) {
     }
 }
 
+// A lamp that was turned up as the exposures were made longer: light goes with their square. The
+// error of K was 10^7 times K.
+TEST(PhotonTransfer, ExposuresThatTellNoLightTellNoBend) {
+  auto levels = exact_levels(8);
+  double phase = 0;
+  for (TransferLevel& level : levels)
+    level.exposure_s = 1e-3 * std::sqrt(level.mean_dn * (1 + 1e-4 * std::sin(phase += 3)));
+  const auto fit = fit_photon_transfer(levels, dark_point());
+  EXPECT_TRUE(fit->exposures_tell_no_light);
+  EXPECT_EQ(fit->bend_dn_per_e, 0.0);
+  EXPECT_LT(fit->slope_stderr, 0.02 * kGain);
+  RandomSequence random(7, 0, Draw::kOther);
+  for (const double droop : {0.0, 0.03, 0.1})
+    EXPECT_FALSE(fit_photon_transfer(drooping_levels(droop, true, random), dark_point())
+                     ->exposures_tell_no_light);
+}
+
 // 3e-4 of chance by the means and 3.2e-4 by the variances: of 4000 curves 2.5, more than 9 once in
 // 2000.
 TEST(PhotonTransfer, ALinearSensorIsNotCalledNonlinear) {

@@ -16,6 +16,7 @@ namespace {
 using ::testing::AllOf;
 using testing::change_frames;
 using ::testing::Contains;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using testing::polar_gain;
@@ -358,6 +359,15 @@ TEST(Session, RowGroupsThatAreNotFoundAreToBeDeclared) {
   SimulatedCamera camera = mono_camera();
   camera.gains = {polar_gain(12, "mono", 16)};
   EXPECT_THAT(warnings_of(simulated_session(camera)), Contains(HasSubstr("row_group = N")));
+}
+
+// Not "not linear, by 3688208604 %".
+TEST(Session, ALampThatIsTurnedBetweenLevelsIsTold) {
+  CalibrationInput input = simulated_session(mono_camera());
+  for (FrameSet& set : input.sets)
+    if (set.kind == FrameKind::kFlat) set.exposure_s = 1e-3 * std::sqrt(*set.level + 1.0);
+  EXPECT_THAT(warnings_of(input),
+              ElementsAre(HasSubstr("mono: the light of the levels does not follow")));
 }
 
 // Half of the exposures in milliseconds: a linearity error of 24 %, and nothing to warn about.

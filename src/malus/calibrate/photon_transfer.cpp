@@ -237,9 +237,7 @@ double parabola_of(Points points, const DarkPoint& dark) {
 
 // b of a response x = s (1 - b s), whose variance is K (x - 3 b x²): the larger of what means and
 // variances show.
-double bend_of(const std::vector<TransferLevel>& levels, const Points& points,
-               const DarkPoint& dark, double gain) {
-  const double by_means = response_bend_per_dn(levels);
+double bend_of(double by_means, const Points& points, const DarkPoint& dark, double gain) {
   const double by_variances = parabola_of(points, dark) / (-3.0 * gain);
   return std::abs(by_means) > std::abs(by_variances) ? by_means : by_variances;
 }
@@ -303,7 +301,10 @@ Estimate<TransferFit> fit_photon_transfer(const std::vector<TransferLevel>& leve
                                  line.slope, line.slope_standard_error)};
   TransferFit fit;
   fit.slope_dn_per_e = line.slope;
-  fit.response_bend_per_dn = bend_of(levels, points, dark, line.slope);
+  const double by_means = response_bend_per_dn(levels);
+  fit.exposures_tell_no_light = is_beyond_bends(by_means, levels);
+  fit.response_bend_per_dn =
+      bend_of(fit.exposures_tell_no_light ? 0.0 : by_means, points, dark, line.slope);
   fit.bend_dn_per_e =
       -3.0 * fit.response_bend_per_dn * line.slope * slope_of_parabola(points, excess, dark);
   fit.slope_stderr = std::hypot(line.slope_standard_error, fit.bend_dn_per_e);

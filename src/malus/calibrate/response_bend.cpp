@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 namespace malus {
@@ -73,15 +74,24 @@ double response_bend_per_dn(const std::vector<TransferLevel>& levels) {
     yy += points.weight[i] * y * y;
   }
   const double bend = xy / xx, slope = line.slope - bend * of_square.slope;
-  const double b = -bend / (slope * slope);
+  const double b = slope > 0 ? -bend / (slope * slope)
+                             : std::copysign(std::numeric_limits<double>::infinity(), -bend);
   const double brightest = *std::max_element(points.signal.begin(), points.signal.end());
-  if (!(slope > 0) || !(std::abs(b) * brightest > kLeastBend)) return 0.0;
+  if (!(std::abs(b) * brightest > kLeastBend)) return 0.0;
   const auto freedom = static_cast<int>(n) - 3;
   const double scatter = std::max(yy - bend * xy, 0.0) / freedom;
   if (scatter > 0 &&
       student_chance(std::abs(bend) * std::sqrt(xx / scatter), freedom) > kBendChance)
     return 0.0;
   return b;
+}
+
+bool is_beyond_bends(double bend_per_dn, const std::vector<TransferLevel>& levels) {
+  constexpr double kMostBend = 0.25;
+  double brightest = 0.0;
+  for (const TransferLevel& level : levels)
+    if (level.refused.empty()) brightest = std::max(brightest, level.mean_dn);
+  return std::abs(bend_per_dn) * brightest > kMostBend;
 }
 
 }  // namespace malus

@@ -89,7 +89,7 @@ void append_transfer(int channel, const Estimate<TransferFit>& fit,
 void append_fits(const std::vector<Estimate<TransferFit>>& fits,
                  const std::vector<std::vector<TransferLevel>>& levels, const SensorLayout& layout,
                  PhysicsCalibration& out) {
-  std::vector<std::string> scattered, bent;
+  std::vector<std::string> scattered, bent, unlike;
   double most_chi_square = 0.0, most_excess_dn2 = 0.0, most_percent = 0.0;
   for (int c = 0; c < layout.channels(); ++c) {
     const auto& fit = fits[as_index(c)];
@@ -110,6 +110,7 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits,
     out.K.standard_error.push_back(fit->slope_stderr);
     out.K_intercept_dn2.push_back(fit->intercept_dn2);
     out.K_intercept_stderr_dn2.push_back(fit->intercept_stderr_dn2);
+    if (fit->exposures_tell_no_light) unlike.push_back(layout.channel_name(c));
     if (fit->bend_dn_per_e != 0.0) {
       bent.push_back(layout.channel_name(c));
       const double percent = 100 * fit->bend_dn_per_e / fit->slope_dn_per_e;
@@ -128,6 +129,11 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits,
         kFewLevels, refused.empty() ? "" : fmt::format(" (left out are {})", refused)));
   }
   warn_of_exposure_units(out);
+  if (!unlike.empty())
+    out.warnings.push_back(fmt::format(
+        "{}: the light of the levels does not follow their exposures: was the lamp turned between "
+        "levels, or are exposures wrong? K does not go by them, the linearity error does",
+        channels_text(unlike, layout)));
   if (!bent.empty())
     out.warnings.push_back(fmt::format(
         "{}: the sensor is not linear (or its light or dark frames do not match the session file): "

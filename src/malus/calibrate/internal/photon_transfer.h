@@ -80,6 +80,8 @@ struct TransferFit {
   /// the mean against the exposure, or by the variance against the mean. In slope_stderr, too.
   double bend_dn_per_e = 0;
   double response_bend_per_dn = 0;  ///< b of x = s (1 - b s) that makes it; 0 where no bend shows
+  /// The means do not follow the exposures (is_beyond_bends), which tell no bend then.
+  bool exposures_tell_no_light = false;
   /// Of the line that the dark point does not hold, minus the dark variance; 0 within its error
   /// on a linear sensor.
   double intercept_dn2 = 0, intercept_stderr_dn2 = 0;

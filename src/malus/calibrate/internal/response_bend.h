@@ -13,8 +13,12 @@ namespace malus {
 /// not refused, its constant left free (exposures may have an offset). 0 unless five levels or more
 /// have known and different exposures, the lamp's and the sensor's scatter about the parabola
 /// leaves a chance below 3e-4 for its bend (Student), and it is a thousandth of the brightest level
-/// or more.
+/// or more. Infinite where the parabola does not rise without light.
 double response_bend_per_dn(const std::vector<TransferLevel>& levels);
+
+/// Whether a bend by the means is more than a response can have: x = s (1 - b s) turns back where
+/// b x is a quarter. The exposures do not tell the levels' light then.
+bool is_beyond_bends(double bend_per_dn, const std::vector<TransferLevel>& levels);
 
 /// Chance that Student's |t| with this many degrees of freedom (one or more) is beyond t >= 0.
 /// Abramowitz and Stegun 26.7.3, 26.7.4.
