@@ -53,6 +53,19 @@ void warn_of_exposure_units(PhysicsCalibration& out) {
     }
 }
 
+// Contract: all fits are known.
+void warn_of_other_light(const std::vector<Estimate<TransferFit>>& fits, const SensorLayout& layout,
+                         PhysicsCalibration& out) {
+  std::vector<std::string> channels;
+  for (int c = 0; c < layout.channels(); ++c)
+    if (fits[as_index(c)]->exposures_tell_no_light) channels.push_back(layout.channel_name(c));
+  if (!channels.empty())
+    out.warnings.push_back(fmt::format(
+        "{}: the light of the levels does not follow their exposures: was the lamp turned between "
+        "levels, or are exposures wrong? K does not go by them, the linearity error does",
+        channels_text(channels, layout)));
+}
+
 }  // namespace
 
 std::string most_frequent_reason(const std::vector<TransferLevel>& levels) {
@@ -89,7 +102,7 @@ void append_transfer(int channel, const Estimate<TransferFit>& fit,
 void append_fits(const std::vector<Estimate<TransferFit>>& fits,
                  const std::vector<std::vector<TransferLevel>>& levels, const SensorLayout& layout,
                  PhysicsCalibration& out) {
-  std::vector<std::string> scattered, bent, unlike;
+  std::vector<std::string> scattered, bent;
   double most_chi_square = 0.0, most_excess_dn2 = 0.0, most_percent = 0.0;
   for (int c = 0; c < layout.channels(); ++c) {
     const auto& fit = fits[as_index(c)];
@@ -110,7 +123,6 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits,
     out.K.standard_error.push_back(fit->slope_stderr);
     out.K_intercept_dn2.push_back(fit->intercept_dn2);
     out.K_intercept_stderr_dn2.push_back(fit->intercept_stderr_dn2);
-    if (fit->exposures_tell_no_light) unlike.push_back(layout.channel_name(c));
     if (fit->bend_dn_per_e != 0.0) {
       bent.push_back(layout.channel_name(c));
       const double percent = 100 * fit->bend_dn_per_e / fit->slope_dn_per_e;
@@ -129,18 +141,12 @@ void append_fits(const std::vector<Estimate<TransferFit>>& fits,
         kFewLevels, refused.empty() ? "" : fmt::format(" (left out are {})", refused)));
   }
   warn_of_exposure_units(out);
-  if (!unlike.empty())
-    out.warnings.push_back(fmt::format(
-        "{}: the light of the levels does not follow their exposures: was the lamp turned between "
-        "levels, or are exposures wrong? K does not go by them, the linearity error does",
-        channels_text(unlike, layout)));
+  warn_of_other_light(fits, layout, out);
   if (!bent.empty())
     out.warnings.push_back(fmt::format(
         "{}: the sensor is not linear (or its light or dark frames do not match the session file): "
-        "K "
-        "of all levels differs by up to {:+.1f} % from "
-        "that without light, which its standard error now holds; K is nearer to it with a lower "
-        "saturation limit",
+        "K of all levels differs by up to {:+.1f} % from that without light, which its standard "
+        "error now holds; K is nearer to it with a lower saturation limit",
         channels_text(bent, layout), most_percent));
   if (!scattered.empty())
     out.warnings.push_back(fmt::format(
