@@ -152,15 +152,18 @@ def test_light_beyond_the_calibrated_levels_is_said(tmp_path):
     model = malus.calibrate(ROOT / "examples/emva/session.toml", kinds=["nonparametric"], level_samples=2000)
     model.save(tmp_path / "m.h5")
     bright = np.full((2, 1, 96, 64), 100.0, np.float32)
-    bright[1] = 4000
-    with pytest.warns(UserWarning, match="^50 % of the pixels lie above the brightest level") as batch:
-        model.synthesize(bright, kind="nonparametric")
-    assert len(batch) == 1
-    with pytest.warns(UserWarning, match="^100 % of the pixels lie above the brightest level") as packed:
-        model.synthesize(bright[1], kind="nonparametric")
-    with pytest.warns(UserWarning) as mosaic:
-        model.at_gain(None, kind="nonparametric").synthesize(bright[1, 0])
-    assert str(packed[0].message) == str(mosaic[0].message)
+    bright[1] = 10000  # above white, too, which is another warning
+
+    def of_levels(work):
+        with pytest.warns(UserWarning) as said:
+            work()
+        (line,) = [str(w.message) for w in said if "brightest level" in str(w.message)]
+        return line
+
+    assert of_levels(lambda: model.synthesize(bright, kind="nonparametric")).startswith("50 % of the pixels lie above the brightest level")
+    line = of_levels(lambda: model.synthesize(bright[1], kind="nonparametric"))
+    assert line.startswith("100 % of the pixels lie above the brightest level")
+    assert line == of_levels(lambda: model.at_gain(None, kind="nonparametric").synthesize(bright[1, 0]))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         model.synthesize(bright[0], kind="nonparametric")
@@ -170,7 +173,7 @@ def test_light_beyond_the_calibrated_levels_is_said(tmp_path):
     np.save(tmp_path / "bright.npy", bright[1, 0])
     done = subprocess.run([program, "synthesize", tmp_path / "bright.npy", "-m", tmp_path / "m.h5", "--kind", "nonparametric",
                            "-o", tmp_path / "out"], check=True, capture_output=True, text=True)
-    assert f"warning: {mosaic[0].message}" in done.stderr.splitlines()
+    assert f"warning: {line}" in done.stderr.splitlines()
 
 
 def test_pixels_without_a_number_are_said_of_polarization():
@@ -330,7 +333,7 @@ def test_a_mean_of_unknown_white_is_told():
 def test_light_of_another_scale_is_said():
     """Of 0 to 1, or of 16 bits for a camera of 12; in one text, which Python shows once."""
     model = malus.Model(MODEL)
-    light = np.linspace(0, 3000, 16 * 32 * 32, dtype=np.float32).reshape(16, 32, 32)
+    light = np.linspace(0, 3000, 4 * 32 * 32, dtype=np.float32).reshape(4, 32, 32)
     for given, words in ((light / 3000, "^clean: no pixel is brighter than 1 DN"), (light * 16, "^clean: .* brighter than white, 4013 DN")):
         for clean in (given, given[None], given[0]):
             with pytest.warns(UserWarning, match=words):
@@ -346,7 +349,7 @@ def test_comparisons_say_what_is_no_noise():
     model = malus.Model(MODEL)
     clean = np.tile(np.linspace(20, 900, 96, dtype=np.float32), (96, 1))
     first, second = (np.stack([model.synthesize(clean, gain=12, frame=2 * k + i) for i in range(2)]) for k in range(2))
-    with pytest.warns(UserWarning, match="reference shows 0.1 times the light of clean"):
+    with pytest.warns(UserWarning, match=r"reference shows 0\.(0999|1|1\d\d) times the light of clean"):
         assert malus.compare_noise(first, second, LAYOUT, 10 * clean)["sqrt_jsd"] < 0.05
     codes = np.rint(first + 82).astype(np.uint16)
     with pytest.warns(UserWarning, match="^reference: holds integers"):
