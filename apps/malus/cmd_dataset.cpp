@@ -110,8 +110,7 @@ WorkerPlace worker_of(const DatasetArguments& arguments) {
 class CleanSources {
  public:
   CleanSources(const Plan& plan, const NoiseModel& model)
-      : plan_(plan),
-        white_dn_(model.white_dn > 0 ? white_above_black(model.white_dn, model.black_dn) : 0) {
+      : plan_(plan), white_dn_(white_of_light_dn(model)) {
     FrameOptions declared;
     declared.black_dn = plan.black_dn;
     for (const fs::path& path : plan.cleans) {

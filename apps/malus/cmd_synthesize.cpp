@@ -145,7 +145,7 @@ FrameSource calibrated_source(const SynthesizeArguments& arguments,
   return {model.sensor,
           model.layout,
           model.row_group,
-          model.white_dn > 0 ? white_above_black(model.white_dn, model.black_dn) : 0.0,
+          white_of_light_dn(model),
           [=, &arguments](const Image& clean, const DrawAddress& address) {
             return naming_model(arguments.model, [&] {
               return draw(*synthesizer, arguments, clean, gain, address, *coverage);

@@ -124,13 +124,12 @@ Array clean_from(const py::array& numbers, const NoiseAtGain& noise, const Place
 
 // In whatever order the pixels are.
 void warn_of_scale(const Array& clean, const NoiseModel& model) {
-  if (clean.size() == 0 || !(model.white_dn > 0)) return;
+  if (clean.size() == 0) return;
   const auto cols = clean.shape(clean.ndim() - 1);
   const View<const float> light({clean.data(), static_cast<std::size_t>(clean.size())},
                                 static_cast<int>(clean.size() / cols), static_cast<int>(cols),
                                 cols);
-  const std::string line =
-      light_scale_complaint(light, white_above_black(model.white_dn, model.black_dn));
+  const std::string line = light_scale_complaint(light, white_of_light_dn(model));
   if (!line.empty()) give_warning("clean: " + line);
 }
 

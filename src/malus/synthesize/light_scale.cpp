@@ -1,5 +1,7 @@
 #include "malus/synthesize/light_scale.h"
 
+#include "malus/image/raw_frame.h"
+
 #include <algorithm>
 #include <cstdint>
 #include <limits>
@@ -59,6 +61,10 @@ std::string light_scale_complaint(View<const float> clean_dn, double white_dn) {
         "light in DN of this camera? It would show them saturated",
         white_dn);
   return "";
+}
+
+double white_of_light_dn(const NoiseModel& model) {
+  return model.white_dn > 0 ? white_above_black(model.white_dn, model.black_dn) : 0.0;
 }
 
 }  // namespace malus

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "malus/image/view.h"
+#include "malus/noise/model.h"
 
 #include <string>
 
@@ -14,5 +15,8 @@ namespace malus {
 /// Pixels that are not finite do not count. Looks at about a thousand pixels, and at all where
 /// these are suspicious, so it costs nothing beside the noise.
 std::string light_scale_complaint(View<const float> clean_dn, double white_dn);
+
+/// That white of a model's camera; 0 where the model tells none.
+double white_of_light_dn(const NoiseModel& model);
 
 }  // namespace malus
