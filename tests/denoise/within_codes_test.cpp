@@ -98,5 +98,22 @@ TEST(WithinCodes, LightBetweenTwoCodesIsAveraged) {
   EXPECT_LT(squares / static_cast<double>(result.size()), 0.006);  // of 0.25, and was 0.02
 }
 
+// Noise that may not be there cannot be relied on to average rounding out; the picture is the same.
+TEST(WithinCodes, NoiseThatIsAGuessLeavesMoreOfRoundingInTheStatedError) {
+  constexpr double kTold = 0.29 * 0.29, kSure = 0.01;
+  NoiseProfile profile = profile_of_codes(std::sqrt(kTold));
+  const RawFrame frame =
+      frame_of_codes([](int r, int c) { return 5 + 0.01 * r + std::sin(0.05 * c); }, 0.14);
+  const auto denoised = [&] { return denoise_frame(frame, profile, {}, silent_progress(), true); };
+  const Denoised sure = denoised();
+  profile.channels[0].guessed_dn2 = kTold - kSure;
+  const Denoised guess = denoised();
+  EXPECT_EQ(guess.dn_above_black.values(), sure.dn_above_black.values());
+  const double more = undithered_variance(1, kSure) - undithered_variance(1, kTold);
+  EXPECT_GT(more, 0.02);
+  for (std::size_t i = 0; i < sure.variance_dn2->values().size(); ++i)
+    EXPECT_NEAR(guess.variance_dn2->values()[i] - sure.variance_dn2->values()[i], more, 1e-5);
+}
+
 }  // namespace
 }  // namespace malus

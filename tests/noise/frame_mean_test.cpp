@@ -33,12 +33,14 @@ TEST(MeanOfFrames, OneIsTheFrameItself) {
 TEST(MeanOfFrames, WhatIsDrawnAnewFallsAndTheRestStays) {
   NoiseProfile one = profile_of(camera(0.1));
   one.channels[0].sigma_column_dn = 0.4;
+  one.channels[0].guessed_dn2 = 0.9;
   one.dark_was_cut_off = true;
   const NoiseProfile nine = mean_of_frames(one, 9);
   for (const double light : {0.0, 10.0, 500.0})
     EXPECT_DOUBLE_EQ(nine.channels[0].variance(light), one.channels[0].variance(light) / 9);
   EXPECT_DOUBLE_EQ(nine.channels[0].sigma_row_dn, 0.8 / 3);
   EXPECT_DOUBLE_EQ(nine.channels[0].sigma_column_dn, 0.4 / 3);
+  EXPECT_DOUBLE_EQ(nine.channels[0].guessed_dn2, 0.1);
   EXPECT_DOUBLE_EQ(nine.channels[0].bias_dn, 3);
   EXPECT_DOUBLE_EQ(nine.channels[0].gain_dn_per_e, 0.5);
   EXPECT_FALSE(nine.dark_was_cut_off);

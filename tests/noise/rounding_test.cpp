@@ -42,6 +42,19 @@ TEST(Rounding, HasItsLimits) {
   EXPECT_LT(undithered_variance(1, 0.25), 1e-5);
 }
 
+// On a code noise of s steps changes the code of 2 Q(1/2s) of the samples, each by one step; where
+// rounding hides nothing it adds its step²/12.
+TEST(Rounding, TellsTheMostThatCodesAllow) {
+  for (const double sd : {0.1, 0.15, 0.2}) {
+    const double shown = std::erfc(0.5 / (std::sqrt(2.0) * sd));
+    EXPECT_NEAR(std::sqrt(most_rounded_noise(1, shown)), sd, 1e-4);
+    EXPECT_NEAR(std::sqrt(most_rounded_noise(4, 16 * shown)), 4 * sd, 4e-4);
+  }
+  EXPECT_NEAR(most_rounded_noise(1, 9 + 1.0 / 12), 9, 1e-5);
+  // What no pixel of a sensor shows may still be noise, of as little as it takes.
+  EXPECT_NEAR(most_rounded_noise(1, 1e-7), 0.00881, 2e-5);
+}
+
 // Steps so fine that rounding adds its step²/12 everywhere; a step that hides the noise: next to
 // none on a code, a quarter between two; and in between against drawn samples (five of their
 // errors).

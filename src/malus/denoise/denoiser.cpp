@@ -160,7 +160,7 @@ void add_unseen_errors(const PreparedFrame& frame, const NoiseProfile& profile, 
         const double columns = frame.column_variance[static_cast<std::size_t>(col)];
         double unseen = rows * channel.sigma_row_dn * channel.sigma_row_dn +
                         columns * channel.sigma_column_dn * channel.sigma_column_dn +
-                        left * variance + undithered(profile, variance);
+                        left * variance + undithered(profile, variance - channel.guessed_dn2);
         // How much brighter than white a saturated pixel is, nobody knows.
         if (frame.saturated(row, col)) unseen = std::numeric_limits<double>::quiet_NaN();
         variance_dn2(row, col) += static_cast<float>(unseen);

@@ -16,6 +16,7 @@ NoiseProfile mean_of_frames(NoiseProfile profile, int frames, MeanValues values)
     MALUS_REQUIRE(!channel.variance.has_pattern());
     channel.variance = channel.variance.scaled(share).plus(rounding_dn2);
     if (channel.law) channel.law = channel.law->mean_of(frames, channel.variance);
+    channel.guessed_dn2 *= share;
     channel.sigma_row_dn *= deviations;
     channel.sigma_column_dn *= deviations;
   }

@@ -106,14 +106,17 @@ DefectList defects_of(const NoiseModel& model) {
 
 // Channels whose dark noise the converter's step hides and nothing tells: their σ_TL is an upper
 // limit. It becomes what the dark point says of lit frames, the middle of what is possible. Between
-// two gains the limit stays.
-void take_dark_points(const NoiseModel& model, const GainSetting& gain, PhysicsNoise& noise) {
+// two gains the limit stays. Returned is how much of that is a guess [DN²]: half of what the codes
+// of dark pixels allow at most is taken for sure.
+std::vector<double> take_dark_points(const NoiseModel& model, const GainSetting& gain,
+                                     PhysicsNoise& noise) {
+  std::vector<double> guessed_dn2(noise.channels.size(), 0.0);
   const auto around = model.physics_around(gain);
-  if (around.size() != 1) return;
+  if (around.size() != 1) return guessed_dn2;
   const PhysicsCalibration& p = *around.front();
   if (p.dark_point_dn2.empty() || p.temporal_sd_dark_dn.empty() ||
       p.sigma_tl.standard_error.empty())
-    return;
+    return guessed_dn2;
   const double step2 = model.quantization_dn * model.quantization_dn;
   for (std::size_t c = 0; c < noise.channels.size(); ++c) {
     PhysicsChannel& channel = noise.channels[c];
@@ -124,19 +127,15 @@ void take_dark_points(const NoiseModel& model, const GainSetting& gain, PhysicsN
     const double rows_dn2 = channel.sigma_row_dn * channel.sigma_row_dn,
                  lit_dn2 = p.dark_point_dn2[c] - rows_dn2 - step2 / 12;
     channel.sigma_tl_dn *= std::sqrt(std::clamp(lit_dn2 / limit_dn2, 0.0, 1.0));
+    const double sure_dn2 = most_rounded_noise(model.quantization_dn, shown_dn * shown_dn) / 2;
+    guessed_dn2[c] = std::max(read_variance_dn2(channel) - sure_dn2, 0.0);
   }
+  return guessed_dn2;
 }
 
-// Of frames of a camera. Synthesis draws what the model states, and says so (profile_of_parts).
-PhysicsNoise noise_of_frames(const NoiseModel& model, const GainSetting& gain, GainRange range) {
-  PhysicsNoise noise = model.physics_at(gain, range);
-  take_dark_points(model, gain, noise);
-  return noise;
-}
-
-NoiseProfile profile_beside_columns(const NoiseModel& model, const GainSetting& gain,
-                                    GainRange range) {
-  PhysicsNoise noise = noise_of_frames(model, gain, range);
+// The columns' part leaves the pixels' noise; their deviations [DN].
+std::vector<double> take_columns(const NoiseModel& model, const GainSetting& gain,
+                                 PhysicsNoise& noise) {
   const std::vector<double> shares = column_noise_shares_at(model, gain);
   std::vector<double> sigma_column_dn;
   for (std::size_t c = 0; c < shares.size(); ++c) {
@@ -144,9 +143,21 @@ NoiseProfile profile_beside_columns(const NoiseModel& model, const GainSetting& 
     sigma_column_dn.push_back(std::sqrt(shares[c] * read_variance_dn2(channel)));
     channel.sigma_tl_dn *= std::sqrt(1 - shares[c]);
   }
+  return sigma_column_dn;
+}
+
+// Of frames of a camera. Synthesis draws what the model states, and says so (profile_of_parts).
+NoiseProfile profile_of_frames(const NoiseModel& model, const GainSetting& gain, GainRange range,
+                               ColumnNoise columns) {
+  PhysicsNoise noise = model.physics_at(gain, range);
+  const std::vector<double> guessed_dn2 = take_dark_points(model, gain, noise);
+  std::vector<double> sigma_column_dn(noise.channels.size(), 0.0);
+  if (columns == ColumnNoise::kApart) sigma_column_dn = take_columns(model, gain, noise);
   NoiseProfile profile = profile_of(noise);
-  for (std::size_t c = 0; c < shares.size(); ++c)
+  for (std::size_t c = 0; c < profile.channels.size(); ++c) {
     profile.channels[c].sigma_column_dn = sigma_column_dn[c];
+    profile.channels[c].guessed_dn2 = guessed_dn2[c];
+  }
   return profile;
 }
 
@@ -183,10 +194,7 @@ NoiseProfile with_facts(NoiseProfile profile, const NoiseModel& model, const Gai
 NoiseProfile NoiseModel::profile_at(const GainSetting& gain, GainRange range,
                                     ColumnNoise columns) const {
   if (physics.empty()) return with_facts(pixel_noise_at(*this, gain, range, {}), *this, gain);
-  return with_facts(columns == ColumnNoise::kApart
-                        ? profile_beside_columns(*this, gain, range)
-                        : profile_of(noise_of_frames(*this, gain, range)),
-                    *this, gain);
+  return with_facts(profile_of_frames(*this, gain, range, columns), *this, gain);
 }
 
 NoiseProfile profile_of_parts(const NoiseModel& model, const GainSetting& gain, GainRange range,

@@ -20,6 +20,9 @@ struct ChannelProfile {
   double sigma_row_dn = 0;     ///< sd of the row groups' offsets
   double sigma_column_dn = 0;  ///< sd of the columns' offsets; 0 where the variance holds them
   double gain_dn_per_e = 0;    ///< 0 when not known
+  /// Of the variance, what is not sure to be there: where a converter's step hides the dark noise,
+  /// that is a guess [DN²].
+  double guessed_dn2 = 0;
   /// Distribution of the pixels about signal and bias; none: NoiseLaw::gaussian(variance).
   std::optional<NoiseLaw> law = std::nullopt;
   NoiseLaw distribution() const { return law ? *law : NoiseLaw::gaussian(variance); }

@@ -36,4 +36,14 @@ double rounded_variance(double step_dn, double offset_dn, double variance_dn2) {
   return (square - mean * mean) * step_dn * step_dn;
 }
 
+double most_rounded_noise(double step_dn, double variance_dn2) {
+  const double step2 = step_dn * step_dn;
+  double less = 0, more = variance_dn2 + step2;  // which shows more than rounding can hide
+  while (more - less > 1e-6 * step2) {
+    const double middle = (less + more) / 2;
+    (rounded_variance(step_dn, 0, middle) > variance_dn2 ? more : less) = middle;
+  }
+  return more;
+}
+
 }  // namespace malus
