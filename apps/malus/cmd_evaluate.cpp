@@ -175,11 +175,12 @@ void check_comparable(const fs::path& reference_path, const Subject& reference,
                       const fs::path& test_path, const Subject& test) {
   if (reference.rows() != test.rows() || reference.cols() != test.cols() ||
       reference.channels() != test.channels())
-    throw InputError(test_path.string(),
-                     fmt::format("{} x {} pixels in {} channels against {} x {} in {} of {}",
-                                 test.cols(), test.rows(), test.channels(), reference.cols(),
-                                 reference.rows(), reference.channels(), reference_path.string()),
-                     "compare pictures of one size and kind");
+    throw InputError(
+        test_path.string(),
+        fmt::format("{} x {} pixels, {} against {} x {}, {} of {}", test.cols(), test.rows(),
+                    counted(test.channels(), "channel"), reference.cols(), reference.rows(),
+                    counted(reference.channels(), "channel"), reference_path.string()),
+        "compare pictures of one size and kind");
   if (reference.frame.layout_known && test.frame.layout_known &&
       !(reference.frame.layout == test.frame.layout))
     throw InputError(test_path.string(),

@@ -1,6 +1,7 @@
 // malus normals: shape from polarization.
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
+#include "malus/base/text.h"
 #include "malus/image/pack.h"
 #include "malus/io/picture_file.h"
 #include "malus/polar/demosaick.h"
@@ -37,11 +38,11 @@ struct NormalsArguments {
 void require_size(const fs::path& path, const Planes& planes, int channels, const Image& like) {
   if (planes.channels() == channels && planes.rows() == like.rows() && planes.cols() == like.cols())
     return;
-  throw InputError(
-      path.string(),
-      fmt::format("{} x {} pixels in {} channels against {} x {} in {}", planes.cols(),
-                  planes.rows(), planes.channels(), like.cols(), like.rows(), channels),
-      "it has to match the normals: one pixel per cell, or per pixel with --full");
+  throw InputError(path.string(),
+                   fmt::format("{} x {} pixels, {} against {} x {}, {}", planes.cols(),
+                               planes.rows(), counted(planes.channels(), "channel"), like.cols(),
+                               like.rows(), counted(channels, "channel")),
+                   "it has to match the normals: one pixel per cell, or per pixel with --full");
 }
 
 // 1 where any colour is above 0 and alpha does not hide it; where no colour is, alpha is the mask.

@@ -218,6 +218,14 @@ std::string usage_problem(const CLI::App& program, const CLI::ParseError& error)
                      did_you_mean(words.front(), commands), joined(commands));
 }
 
+// `malus help denoise` is `malus denoise --help`.
+std::vector<std::string> with_help_as_flag(std::vector<std::string> words) {
+  if (words.empty() || words.front() != "help") return words;
+  words.erase(words.begin());
+  words.push_back("--help");
+  return words;
+}
+
 // An empty value is what a shell makes of a variable that is not set. Taken as a path it would be
 // the current folder, or the same as no flag at all.
 void refuse_empty_values(const CLI::App& command) {
@@ -338,7 +346,8 @@ std::unique_ptr<Progress> make_live_progress(const Common& common,
 
 int run_program(CLI::App& app, int argc, char** argv) {
   try {
-    std::vector<std::string> arguments = with_lists_ended(app, {argv + 1, argv + argc});
+    std::vector<std::string> arguments =
+        with_lists_ended(app, with_help_as_flag({argv + 1, argv + argc}));
     std::ranges::reverse(arguments);  // as the parser takes them
     app.parse(std::move(arguments));
     say_how_often();

@@ -37,7 +37,7 @@ def test_a_value_that_no_file_could_make_right_is_wrong_usage(malus, tmp_path, c
     (["train", "c.toml", "--seed", "1", "--seed", "2"], "--seed: is given 2 times; give it once"),
     (["info", "f.npy", "--verbose"], "--verbose: is no flag of info; `malus info --help`"),
     (["model", "show", "imx250myr"], "did you mean imx250myr-simulated? "), (["model", "show", "none.h5"], "does not exist; check"),
-    (["model", "sho"], "did you mean show? "), (["help"], "help: is no command; there are info, ")])
+    (["model", "sho"], "did you mean show? "), (["wat"], "wat: is no command; there are info, ")])
 def test_a_word_that_is_not_known_brings_up_the_one_meant_or_none(malus, tmp_path, arguments, words):
     told = malus(*arguments, code=1 if "show" in arguments else 2, cwd=tmp_path).err
     assert words in told and told.count("did you mean") == words.count("did you mean")

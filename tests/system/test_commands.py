@@ -25,6 +25,11 @@ def test_help(malus, command):
     assert "Usage" in malus(*command.split(), "--help").out
 
 
+def test_help_is_a_word_as_well(malus):
+    assert malus("help").out == malus("--help").out
+    assert malus("help", "model", "show").out == malus("model", "show", "--help").out
+
+
 def test_json_is_alone_on_stdout(malus, examples):
     shown = malus("info", examples / "imx250mzr/carps.png", "--layout", "polar-mono", "--json").json
     assert shown

@@ -50,3 +50,9 @@ def test_the_same_data_twice_is_refused(refused, tmp_path):
     (tmp_path / "b4.tif").write_bytes((tmp_path / "b2.tif").read_bytes())
     line = refused("calibrate", tmp_path / "s.toml", "-o", tmp_path / "m.h5")
     assert "b4.tif: has the same pixels as" in line and "b2.tif" in line
+
+
+def test_a_picture_is_no_session_file(refused, examples, tmp_path):
+    """Its first byte had been called invalid UTF-8, to be corrected in the TOML."""
+    told = refused("calibrate", examples / "imx250mzr/fruits.png", "-o", tmp_path / "m.h5")
+    assert told.endswith("fruits.png: holds no text; give the session file, a TOML file")

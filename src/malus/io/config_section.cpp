@@ -130,6 +130,8 @@ ConfigSection ConfigSection::parse(std::string_view text, const std::string& sou
 ConfigSection ConfigSection::load(const fs::path& path, std::string title,
                                   const std::vector<std::string>& settings) {
   const std::string text = internal::read_text(path, title);
+  if (text.find('\0') != std::string::npos)
+    throw InputError(path.string(), "holds no text", "give " + title + ", a TOML file");
   return parse(text, path.string(), std::move(title), settings);
 }
 
