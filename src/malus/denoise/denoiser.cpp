@@ -13,7 +13,7 @@
 #include "malus/denoise/internal/joint_bilateral.h"
 #include "malus/denoise/internal/kept_points.h"
 #include "malus/denoise/internal/missed_signal.h"
-#include "malus/denoise/internal/returned_noise.h"
+#include "malus/denoise/internal/residual_evidence.h"
 #include "malus/denoise/internal/within_codes.h"
 #include "malus/denoise/prepared_frame.h"
 #include "malus/noise/rounding.h"
@@ -112,7 +112,7 @@ internal::SampleNoise sure_noise(const std::vector<Stabilizer>& stabilizers,
     return static_cast<float>(
         told * shown_share(noise.profile, noise.profile.channels[k], frame.saturated_dn[k], dn));
   };
-  return {uncut, variance, hides};
+  return {uncut, variance, hides, own ? 0.0f : static_cast<float>(share)};
 }
 
 // From the stabilised estimate and its error back to DN.
@@ -228,7 +228,7 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   check_stop(progress);
   if (error) {
     internal::add_missed_signal(stabilised, uncut, result.dn_above_black, *error);
-    internal::state_returned_noise(stabilised, noise, result.dn_above_black, *error);
+    internal::state_residual_evidence(stabilised, noise, result.dn_above_black, *error);
   }
   invert(stabilizers, frame, result);
   keep_saturated(frame, result.dn_above_black);

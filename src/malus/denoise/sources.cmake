@@ -41,7 +41,7 @@ set(denoise_SOURCES
     preparation.cpp
     quiet_patches.cpp
     repeats.cpp
-    returned_noise.cpp
+    residual_evidence.cpp
     row_deviation.cpp
     row_evidence.cpp
     row_noise.cpp

@@ -26,7 +26,7 @@ double tangential_variance(const Stokes& s, const StokesCovariance& v) {
 // several colours: they are mostly of what all of these share, so they do not average out, neither
 // in S0 nor in the mean of sites, and of like size they partly cancel in S1 and S2, which are
 // differences (docs/uncertainty.md has the measurements). Noise of samples that a filter returns is
-// not shared; variances do not tell it apart, and denoise/returned_noise.cpp states more of it.
+// not shared; variances do not tell it apart, and denoise/residual_evidence.cpp states more of it.
 constexpr double kSharedError = 0.35;
 
 // Colours whose mean is one, as green is that of both greens; the groups weigh alike.

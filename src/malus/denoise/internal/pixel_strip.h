@@ -33,6 +33,9 @@ struct SampleNoise {
   /// (channel, estimate): the converter's step hides it there. Equal codes are no equal light, and
   /// residuals do not tell of errors; none: nowhere.
   std::function<bool(std::size_t, float)> hides = {};
+  /// Of what is told of the noise, what `variance` counts on: less where the frame shows less; 0
+  /// where the frame itself tells, and took texture as fine as the pixels for noise.
+  float sure_share = 1;
   bool hidden(std::size_t channel, float mean) const { return hides && hides(channel, mean); }
 };
 
