@@ -200,6 +200,16 @@ void warn_of_pair(const Json& pair) {
                     pair["name"].get<std::string>(), percent_text(clipped)));
 }
 
+Json number_or_null(const std::optional<double>& number) { return number ? Json(*number) : Json(); }
+
+std::string flicker_text(const Json& pair) {
+  if (const Json& flicker = pair["flicker"]; !flicker.is_null())
+    return fmt::format("{:.2f} %", 100 * flicker.get<double>());
+  if (const Json& noise = pair["flicker_of_noise"]; !noise.is_null())
+    return fmt::format("not seen above the noise ({:.2f} %)", 100 * noise.get<double>());
+  return "unknown";
+}
+
 // A reference is taken for what the light is: it has more of it than the short frames.
 void refuse_longer_shorts(const PairJob& job, const std::string& name, const FrameGroup& reference,
                           const FrameGroup& group) {
@@ -232,7 +242,7 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
   refuse_longer_shorts(job, name, reference_group, group);
   const double ratio = ratio_of(job, reference_group, group);
   const double top = 0.9 * white_above_black(reference.white_dn, reference.black_dn);
-  std::vector<double> intensities;
+  std::vector<RelativeIntensity> intensities;
   for (const fs::path& path : group.paths) {
     check_stop(job.progress);
     const RawFrame frame = load_above_bias(job, group, path);
@@ -271,11 +281,13 @@ Json write_pair(const PairJob& job, const std::string& name, const RawFrame& ref
       {"reference_frames", reference_group.paths.size()},
       {"reference_clipped_share",
        clipped_share(reference.dn, white_above_black(reference.white_dn, reference.black_dn))},
-      {"candidates", intensities},
+      {"candidates", Json::array()},
       {"deviation", nearest.deviation},
-      {"flicker", nearest.flicker ? Json(*nearest.flicker) : Json()},
+      {"flicker", number_or_null(nearest.flicker)},
+      {"flicker_of_noise", number_or_null(nearest.flicker_of_noise)},
       {"bias_removed", job.model.has_value()},
       {"reference_gain", gain_json(reference.gain)}};
+  for (const RelativeIntensity& one : intensities) entry["candidates"].push_back(one.value);
   entry.update(gain_json(group.gain));
   return entry;
 }
@@ -290,12 +302,10 @@ void write_scenes(const PairJob& job, const std::map<std::optional<int>, Scene>&
       pairs.push_back(write_pair(job, name, reference, *scene.reference, *scene.shorts[k]));
       const Json& last = pairs.back();
       warn_of_pair(last);
-      text += fmt::format("{}: ratio {:g}, {} candidates, light {:+.2f} % off, flicker {}\n", name,
-                          last["ratio"].get<double>(), last["candidates"].size(),
-                          100 * last["deviation"].get<double>(),
-                          last["flicker"].is_null()
-                              ? "unknown"
-                              : fmt::format("{:.2f} %", 100 * last["flicker"].get<double>()));
+      text += fmt::format("{}: ratio {:g}, {}, light {:+.2f} % off, flicker {}\n", name,
+                          last["ratio"].get<double>(),
+                          counted(std::ssize(last["candidates"]), "candidate"),
+                          100 * last["deviation"].get<double>(), flicker_text(last));
     }
   }
 }

@@ -46,12 +46,12 @@ TEST(FrameMean, ApproachesTheSceneAsOneOverRootN) {
 TEST(NearestFrame, FindsTheLeastFlickeringOne) {
   const Image clean = scene();
   const double flicker[] = {1.06, 0.97, 1.01, 0.93};
-  std::vector<double> intensities;
+  std::vector<RelativeIntensity> intensities;
   for (std::uint32_t i = 0; i < 4; ++i) {
     const Image frame = noisy_copy(clean, static_cast<float>(flicker[i] / 10), 100 + i);
     const auto intensity = relative_intensity(frame, clean, 0, 4000);
     ASSERT_TRUE(intensity.decided());
-    EXPECT_NEAR(*intensity * 10, flicker[i], 0.005);
+    EXPECT_NEAR(intensity->value * 10, flicker[i], 0.005);
     intensities.push_back(*intensity);
   }
   const NearestFrame nearest = nearest_frame(intensities, 10);
@@ -59,8 +59,49 @@ TEST(NearestFrame, FindsTheLeastFlickeringOne) {
   EXPECT_NEAR(nearest.deviation, 0.01, 0.005);
   ASSERT_TRUE(nearest.flicker);
   EXPECT_NEAR(*nearest.flicker, 0.13, 0.01);
-  EXPECT_FALSE(nearest_frame({0.0, 0.0}, 10).flicker);
-  EXPECT_FALSE(nearest_frame({-0.2, 0.1}, 10).flicker);
+  EXPECT_LT(nearest.flicker_of_noise.value_or(1), 0.01);
+  for (RelativeIntensity& one : intensities) one.value -= 0.1;  // no light
+  EXPECT_FALSE(nearest_frame(intensities, 10).flicker);
+  EXPECT_FALSE(nearest_frame({intensities.front()}, 10).flicker);  // beside which there is none
+}
+
+// Frames of 3 to 7 DN under noise of 5 DN and rows of 2 DN: intensities differ by per cent without
+// any flicker. Seeds are fixed; chance alone goes beyond the bound in one set of 370, and the ratio
+// of squares lies within four standard errors of 1.
+TEST(NearestFrame, NoiseAloneIsNoFlicker) {
+  constexpr int kSets = 60;
+  // Three, and what Student's t distribution of 19 degrees of freedom (20 bands) adds to them.
+  constexpr double kStandardErrors = 3 + 30 / (4 * 19.0);
+  const Image clean = scene();
+  PhysicsNoise noise;
+  noise.layout = SensorLayout::named("mono");
+  noise.row_group = 2;
+  noise.channels = {
+      {.gain_dn_per_e = 0.5, .lambda = 0.1, .mu_dn = 0, .sigma_tl_dn = 3, .sigma_row_dn = 2}};
+  const CompiledNoise drawn(noise);
+  const auto intensity = [&](std::uint32_t frame, float factor) {
+    Image dim = clean;
+    for (float& v : dim.values()) v *= factor;
+    drawn.apply(dim.view(), dim.view(), {.seed = 5, .frame = frame});
+    return *relative_intensity(dim, clean, 0, 4000);
+  };
+  int told = 0;
+  double squares = 0, flicker = 0;
+  for (std::uint32_t set = 0; set < kSets; ++set) {
+    const NearestFrame two =
+        nearest_frame({intensity(2 * set, 0.005F), intensity(2 * set + 1, 0.005F)}, 200);
+    told += two.flicker.has_value();
+    const double first = intensity(2 * set, 0.005F).value,
+                 second = intensity(2 * set + 1, 0.005F).value,
+                 difference = 2 * (first - second) / (first + second);
+    flicker += std::abs(difference) / kSets;
+    squares += std::pow(kStandardErrors * difference / two.flicker_of_noise.value(), 2) / kSets;
+  }
+  EXPECT_LE(told, 1);
+  EXPECT_GT(flicker, 0.01);
+  EXPECT_NEAR(squares, 1, 4 * std::sqrt(2.0 / kSets));
+  const NearestFrame seen = nearest_frame({intensity(0, 0.005F), intensity(1, 0.008F)}, 200);
+  EXPECT_NEAR(seen.flicker.value_or(0), 0.46, 0.1);
 }
 
 TEST(RelativeIntensity, LeavesOutWhatIsSaturatedAndSaysWhenNothingIsLeft) {
@@ -70,7 +111,7 @@ TEST(RelativeIntensity, LeavesOutWhatIsSaturatedAndSaysWhenNothingIsLeft) {
   frame(0, 0) = std::numeric_limits<float>::quiet_NaN();
   const auto found = relative_intensity(frame, reference, 0, 670);
   ASSERT_TRUE(found.decided());
-  EXPECT_NEAR(*found, 1.0, 1e-9);
+  EXPECT_NEAR(found->value, 1.0, 1e-9);
   EXPECT_FALSE(relative_intensity(frame, reference, 5000, 6000).decided());
 }
 

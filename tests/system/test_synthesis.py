@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import re
 import shutil
 
 import h5py
@@ -200,6 +201,17 @@ def test_pairs_take_the_frame_nearest_in_light(malus, tmp_path):
     assert pair["bias_removed"] is False and pair["reference_gain"] == {"gain_db": 0, "iso": None}
     model = ["--model", "imx250mzr-simulated"]
     assert malus("pairs", session, "-o", tmp_path / "unbiased", *model, "--json").json["pairs"][0]["bias_removed"] is True
+
+
+def test_flicker_of_pairs_that_is_no_more_than_noise_is_not_told(malus, tmp_path):
+    """A hundredth of an electron a pixel: two frames of the same lamp differ by per cent."""
+    session, _ = write_pairs_session(tmp_path, [1e-4, 1e-4], exposure=0.001)
+    run = malus("pairs", session, "-o", tmp_path / "out", "--ratio", 1e5, "--json")
+    (pair,) = run.json["pairs"]
+    first, second = pair["candidates"]
+    assert pair["flicker"] is None and 2 * abs(first - second) / (first + second) < pair["flicker_of_noise"] > 0.01
+    told = malus("pairs", session, "-o", tmp_path / "out", "--ratio", 1e5, "--force").out
+    assert re.search(r"2 candidates, .*flicker not seen above the noise \(\d+\.\d\d %\)", told)
 
 
 def test_pairs_of_files_with_any_name(malus, tmp_path):

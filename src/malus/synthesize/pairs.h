@@ -17,11 +17,19 @@
 
 namespace malus {
 
-/// Light of a short frame against a reference: the factor f that makes f * reference fit the frame
-/// in the least-squares sense over pixels whose reference lies in (low_dn, high_dn); both above
-/// black. NaN pixels are left out. Undecided with fewer than 100 such pixels.
-Estimate<double> relative_intensity(View<const float> short_dn, View<const float> reference_dn,
-                                    double low_dn, double high_dn);
+/// Light of a short frame against a reference.
+struct RelativeIntensity {
+  double value = 0;  ///< the factor
+  /// What the rows of each band of the frame take it off, from the top; their sum is 0.
+  std::vector<double> of_bands{};
+};
+
+/// The factor f that makes f * reference fit the frame in the least-squares sense over pixels whose
+/// reference lies in (low_dn, high_dn); both above black. NaN pixels are left out. Undecided with
+/// fewer than 100 such pixels.
+Estimate<RelativeIntensity> relative_intensity(View<const float> short_dn,
+                                               View<const float> reference_dn, double low_dn,
+                                               double high_dn);
 
 /// Share of a reference's pixels at 98 % of white or beyond: white cuts them off, in some of its
 /// frames at least, and they are darker than the scene. white_dn: above black, like the reference.
@@ -73,11 +81,17 @@ double gain_ratio(const GainSetting& one, const GainSetting& other);
 struct NearestFrame {
   std::size_t index = 0;
   double deviation = 0;  ///< intensity * ratio - 1 of the chosen frame
-  /// (largest - smallest) / mean of the candidates' intensities; none where they hold no light.
+  /// (largest - smallest) / mean of the candidates' intensities; none where they hold no light, of
+  /// one candidate, and where it is no more than noise makes.
   std::optional<double> flicker;
+  /// What noise alone makes of that in next to no session: three standard errors of the difference
+  /// of two, more of several. Its size is that of what the candidates' bands differ by; none where
+  /// they are of fewer than two bands, of one candidate, and where they hold no light.
+  std::optional<double> flicker_of_noise;
 };
 
-/// The candidate whose intensity is nearest to 1/ratio. Contract: candidates not empty, ratio > 0.
-NearestFrame nearest_frame(const std::vector<double>& intensities, double ratio);
+/// The candidate whose intensity is nearest to 1/ratio. Contract: candidates not empty and of one
+/// size, ratio > 0.
+NearestFrame nearest_frame(const std::vector<RelativeIntensity>& intensities, double ratio);
 
 }  // namespace malus
