@@ -2,6 +2,7 @@
 #include "malus/base/atomic_file.h"
 #include "malus/base/error.h"
 #include "malus/io/picture_file.h"
+#include "malus/synthesize/light_scale.h"
 #include "malus/synthesize/scene.h"
 
 #include <array>
@@ -34,10 +35,14 @@ struct SimulateArguments {
 };
 
 // Linear red, green, blue (or one plane) in [0, 1] and above, cropped to whole cells.
-Planes load_linear(const fs::path& path, const std::string& tone, const SensorLayout& layout) {
+Planes load_linear(const fs::path& path, const SimulateArguments& arguments,
+                   const SensorLayout& layout) {
   const Picture picture = load_clean_picture(path);
-  return whole_cells(checked_light(picture, path.string(), is_srgb(tone, picture.bits)), layout,
-                     path.string());
+  const Planes light = checked_light(picture, path.string(), is_srgb(arguments.tone, picture.bits));
+  const std::string complaint =
+      picture_scale_complaint(light, picture.bits, arguments.response.exposure);
+  if (!complaint.empty()) warn_of(path.string(), complaint);
+  return whole_cells(light, layout, path.string());
 }
 
 constexpr const char *kS0 = "_s0.exr", *kS1 = "_s1.exr", *kS2 = "_s2.exr", *kDolp = "_dolp.exr",
@@ -135,8 +140,8 @@ void run_simulate(const SimulateArguments& arguments, const Common& common) {
   const auto work = [&] {
     for (std::size_t i = 0; i < plans.size(); ++i) {
       check_stop(*progress);
-      const Planes camera = camera_rgb_of(load_linear(arguments.inputs[i], arguments.tone, layout),
-                                          arguments.response);
+      const Planes camera =
+          camera_rgb_of(load_linear(arguments.inputs[i], arguments, layout), arguments.response);
       const std::uint32_t number = arguments.first_scene + static_cast<std::uint32_t>(i);
       PolarScene scene;
       if (arguments.polarized)

@@ -6,6 +6,7 @@
 #include "malus/image/frame_mean.h"
 #include "malus/io/picture_file.h"
 #include "malus/noise/frame_levels.h"
+#include "malus/synthesize/light_scale.h"
 #include "malus/synthesize/model_renoiser.h"
 #include "malus/synthesize/scene.h"
 
@@ -116,10 +117,12 @@ py::dict simulate(const py::object& given, const std::string& layout_name, bool 
     give_warning(complaint);
   PolarScene scene;
   Image mosaic;
+  std::string of_scale;
   {
     const py::gil_scoped_release release;
     const Planes light =
         linear_light(picture.planes, picture.names, picture.white, is_srgb(tone, picture.bits));
+    of_scale = picture_scale_complaint(light, picture.bits, settings.response.exposure);
     const Planes camera = camera_rgb_of(whole_cells(light, layout, "picture"), settings.response);
     if (polarized)
       scene = polarized_scene(camera, settings.scene, seed, number);
@@ -127,6 +130,7 @@ py::dict simulate(const py::object& given, const std::string& layout_name, bool 
       scene.stokes = unpolarized(camera);
     mosaic = mosaic_of(scene.stokes, layout);
   }
+  if (!of_scale.empty()) give_warning(source + ": " + of_scale);
   py::dict out;
   out["dn"] = array_of(std::move(mosaic));
   if (truth) add_truth(out, scene);

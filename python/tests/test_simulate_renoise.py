@@ -58,6 +58,20 @@ def test_pixels_of_a_picture_that_are_no_numbers_are_dark(tmp_path):
         malus.simulate(np.full((8, 8), np.nan, np.float32))
 
 
+@needs_program
+def test_floats_that_are_not_from_0_to_1_are_told(picture, tmp_path):
+    """They are 255 times as bright as white; the program says so of its files, in the same words."""
+    with pytest.warns(UserWarning, match="^picture: more than a tenth .* or lower exposure=") as told:
+        malus.simulate(picture.astype(np.float32))
+    np.save(tmp_path / "p.npy", picture.astype(np.float32))
+    said = subprocess.run([PROGRAM, "simulate", tmp_path / "p.npy", "-o", tmp_path], check=True, capture_output=True, text=True).stderr
+    assert said == f"warning: {str(told[0].message).replace('picture: ', f'{tmp_path}/p.npy: ').replace('exposure=', '--exposure')}\n"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        malus.simulate(picture.astype(np.float32), exposure=1 / 255)
+        malus.simulate(picture.astype(np.float32) / 255)
+
+
 def test_simulate_takes_light_as_it_is_told():
     grey = np.full((8, 8), 0.5, np.float32)
     assert set(malus.simulate(grey)) == {"dn"}

@@ -33,6 +33,21 @@ TEST(LightScale, LightOfTheCameraIsNot) {
   EXPECT_EQ(light_scale_complaint(rising_light(65535), 0), "");  // white that nobody told
 }
 
+// Floats have no white but 1; integers have that of their type, whatever is left of them.
+TEST(PictureScale, FloatsThatAreNotFrom0To1AreTold) {
+  const auto told = [](float most, int bits, double exposure) {
+    Planes light(3, 0, 0);
+    for (Image& plane : light) plane = rising_light(most);
+    return picture_scale_complaint(light, bits, exposure);
+  };
+  EXPECT_NE(told(255, 0, 1).find("which is 1 of float pixels"), std::string::npos);
+  EXPECT_NE(told(255, 0, 0.5), "");
+  EXPECT_EQ(told(255, 0, 1.0 / 255), "");  // by which the scale is right
+  EXPECT_EQ(told(1.1F, 0, 1), "");         // lamps
+  EXPECT_EQ(told(1, 0, 4), "");            // too long an exposure is asked for
+  EXPECT_EQ(told(255, 8, 1), "");
+}
+
 // A pixel that is none of those that are looked at first, in the dark, is found.
 TEST(LightScale, OneStarIsLight) {
   Image sky = rising_light(1);

@@ -1,5 +1,6 @@
 #include "malus/synthesize/light_scale.h"
 
+#include "malus/base/wording.h"
 #include "malus/image/raw_frame.h"
 
 #include <algorithm>
@@ -19,6 +20,12 @@ struct LightScale {
   bool too_bright() const {
     constexpr std::int64_t kOneOf = 10;
     return brighter * kOneOf > finite;
+  }
+  void add(const LightScale& other) {
+    finite += other.finite;
+    brighter += other.brighter;
+    least = std::min(least, other.least);
+    most = std::max(most, other.most);
   }
 };
 
@@ -61,6 +68,20 @@ std::string light_scale_complaint(View<const float> clean_dn, double white_dn) {
         "light in DN of this camera? It would show them saturated",
         white_dn);
   return "";
+}
+
+std::string picture_scale_complaint(const Planes& light, int bits, double exposure) {
+  if (bits > 0) return "";
+  // More exposure is what the caller wants; less may be what brings another scale to this one.
+  const double white = 1 / std::min(exposure, 1.0);
+  LightScale scale;
+  for (const Image& plane : light)
+    scale.add(light_scale_of(plane.view(), static_cast<float>(white), 1));
+  if (!scale.too_bright()) return "";
+  return fmt::format(
+      "more than a tenth of the picture is brighter than white, which is 1 of float pixels; divide "
+      "one of 0 to 255 or to 65535 by that, or lower {}",
+      setting("exposure"));
 }
 
 double white_of_light_dn(const NoiseModel& model) {
