@@ -65,7 +65,7 @@ RawFrame pixels_of(const py::object& array, const char* name) {
   frame.dn = image_of(input_from(numbers, name), name);
   const py::dtype type = numbers.dtype();
   frame.bits = bits_of_numbers(type.kind(), static_cast<int>(type.itemsize()));
-  frame.source = "array";
+  frame.source = kArraySource;
   frame.black_dn = {0.0};
   return frame;
 }

@@ -17,6 +17,9 @@ namespace malus::python {
 struct HeldFrame : RawFrame {
   std::string holds{};
 };
+/// The source of frames that come from no file.
+inline constexpr const char* kArraySource = "array";
+
 /// What Python calls a Frame; null where it is something else.
 const HeldFrame* held_frame(const py::object& given);
 

@@ -3,7 +3,6 @@
 #include "malus/base/settings_check.h"
 #include "malus/image/black_levels.h"
 #include "malus/image/frame_mean.h"
-#include "malus/image/pack.h"
 #include "malus/io/frame_file.h"
 #include "malus/io/session.h"
 
@@ -166,6 +165,13 @@ HeldFrame frame_from_array(const py::object& dn, const std::optional<std::string
   return frame;
 }
 
+// Those of files are named by these; all arrays are "array", and their place tells which.
+HeldFrame named_by_place(const HeldFrame& frame, std::size_t place) {
+  HeldFrame named = frame;
+  named.source = fmt::format("frames[{}]", place);
+  return named;
+}
+
 // Frames one by one: an iterator may load them as they are asked for.
 HeldFrame average(const py::list& frames) {
   constexpr std::size_t kLeast = 2;
@@ -173,20 +179,27 @@ HeldFrame average(const py::list& frames) {
     throw InputError("average", fmt::format("of {}", counted(std::ssize(frames), "frame")),
                      fmt::format("give {} to {} of one scene", kLeast, kMostAveraged));
   SceneMean mean(static_cast<int>(frames.size()));
-  for (const py::handle& given : frames) {
-    const auto object = py::reinterpret_borrow<py::object>(given);
-    const HeldFrame* frame = held_frame(object);
-    if (!frame) throw py::type_error("average takes a list of Frames");
+  std::string first;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const auto object = py::reinterpret_borrow<py::object>(frames[i]);
+    const HeldFrame* held = held_frame(object);
+    if (!held)
+      throw py::type_error(fmt::format("average takes a list of Frames; frames[{}] is none", i));
     require_raw(object, "give the raw frames");
+    if (i == 0) first = held->source;
+    std::optional<HeldFrame> named;
+    if (held->source == kArraySource) named = named_by_place(*held, i);
+    const HeldFrame& frame = named ? *named : *held;
     std::string cut_off;
     {
       const py::gil_scoped_release release;
-      cut_off = app::cut_off_of_mean_note(*frame);
-      mean.add(*frame);
+      cut_off = app::cut_off_of_mean_note(frame);
+      mean.add(frame);
     }
-    if (!cut_off.empty()) give_warning(frame->source + ": " + cut_off);
+    if (!cut_off.empty()) give_warning(frame.source + ": " + cut_off);
   }
   HeldFrame result{mean.take()};
+  result.source = first;
   for (const std::string& complaint : app::mean_complaints(result))
     give_warning(result.source + ": " + complaint);
   return result;
@@ -226,37 +239,6 @@ HeldFrame frame_of_state(const py::tuple& state) {
   f.holds = state[i++].cast<std::string>();
   f.mean_of = state[i++].cast<int>();
   return f;
-}
-
-// Planes [channel, row, column] in the order of the layout's channels.
-py::object packed(const py::object& mosaic_object, const std::string& layout_name) {
-  const auto layout = SensorLayout::named(layout_name);
-  const Array mosaic = input_from(mosaic_object, "mosaic");
-  const auto view = view_of(mosaic, "mosaic");
-  require_whole_cell(view, layout, "mosaic");
-  Planes planes;
-  {
-    const py::gil_scoped_release release;
-    planes = pack(view, layout);
-  }
-  return stack_of({std::make_move_iterator(planes.begin()), std::make_move_iterator(planes.end())});
-}
-
-py::array unpacked(const py::object& planes_object, const std::string& layout_name) {
-  const auto layout = SensorLayout::named(layout_name);
-  auto given = images_of(planes_object, "planes", "channel");
-  if (std::ssize(given) != layout.channels())
-    throw InputError("planes", fmt::format("are {}", given.size()),
-                     fmt::format("give one for each of the {} channels of {}", layout.channels(),
-                                 layout.name()));
-  Planes planes(layout.channels(), 0, 0);
-  std::move(given.begin(), given.end(), planes.begin());
-  Image mosaic(planes[0].rows() * layout.rows(), planes[0].cols() * layout.cols());
-  {
-    const py::gil_scoped_release release;
-    unpack(planes, layout, mosaic);
-  }
-  return array_of(std::move(mosaic));
 }
 
 void bind_frame(py::module_& m) {
@@ -345,11 +327,6 @@ void bind_session(py::module_& m) {
 void bind_frames(py::module_& m) {
   bind_frame(m);
   bind_session(m);
-  m.def("pack", &packed, py::arg("mosaic"), py::arg("layout"),
-        "A mosaic [row, column] as planes [channel, row, column], float32, in the order of the "
-        "layout's channels. Where it ends inside a cell, the last samples are repeated.");
-  m.def("unpack", &unpacked, py::arg("planes"), py::arg("layout"),
-        "The mosaic of such planes: whole cells.");
   m.def(
       "frames",
       [](const std::filesystem::path& path) {

@@ -1,9 +1,11 @@
-// Mosaics of Stokes parameters, and which of a mosaic's pixels are crossed.
+// Mosaics as planes and of Stokes parameters, and which of a mosaic's pixels are crossed.
 #include "malus/base/error.h"
+#include "malus/image/pack.h"
 #include "malus/polar/layout_check.h"
 #include "malus/polar/stokes.h"
 #include "malus/synthesize/scene.h"
 
+#include <iterator>
 #include <optional>
 #include <string>
 #include <utility>
@@ -44,6 +46,37 @@ py::array mosaic_from_stokes(const py::object& s0, const py::object& s1, const p
   return array_of(std::move(*mosaic));
 }
 
+// Planes [channel, row, column] in the order of the layout's channels.
+py::object packed(const py::object& mosaic_object, const std::string& layout_name) {
+  const auto layout = SensorLayout::named(layout_name);
+  const Array mosaic = input_from(mosaic_object, "mosaic");
+  const auto view = view_of(mosaic, "mosaic");
+  require_whole_cell(view, layout, "mosaic");
+  Planes planes;
+  {
+    const py::gil_scoped_release release;
+    planes = pack(view, layout);
+  }
+  return stack_of({std::make_move_iterator(planes.begin()), std::make_move_iterator(planes.end())});
+}
+
+py::array unpacked(const py::object& planes_object, const std::string& layout_name) {
+  const auto layout = SensorLayout::named(layout_name);
+  auto given = images_of(planes_object, "planes", "channel");
+  if (std::ssize(given) != layout.channels())
+    throw InputError("planes", fmt::format("are {}", given.size()),
+                     fmt::format("give one for each of the {} channels of {}", layout.channels(),
+                                 layout.name()));
+  Planes planes(layout.channels(), 0, 0);
+  std::move(given.begin(), given.end(), planes.begin());
+  Image mosaic(planes[0].rows() * layout.rows(), planes[0].cols() * layout.cols());
+  {
+    const py::gil_scoped_release release;
+    unpack(planes, layout, mosaic);
+  }
+  return array_of(std::move(mosaic));
+}
+
 py::dict layout_check(const py::object& dn_above_black, const Black& black) {
   const Array mosaic = above_black(dn_above_black, kMosaicLight, {{}, black, {}});
   const auto view = view_of(mosaic, kMosaicLight);
@@ -61,6 +94,11 @@ py::dict layout_check(const py::object& dn_above_black, const Black& black) {
 }  // namespace
 
 void bind_mosaics(py::module_& m) {
+  m.def("pack", &packed, py::arg("mosaic"), py::arg("layout"),
+        "A mosaic [row, column] as planes [channel, row, column], float32, in the order of the "
+        "layout's channels. Where it ends inside a cell, the last samples are repeated.");
+  m.def("unpack", &unpacked, py::arg("planes"), py::arg("layout"),
+        "The mosaic of such planes: whole cells.");
   m.def("mosaic", &mosaic_from_stokes, py::arg("s0"), py::arg("s1"), py::arg("s2"),
         py::arg("layout"),
         "What a sensor's pixels see of Stokes parameters, without noise: the mosaic [row, column], "

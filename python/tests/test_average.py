@@ -61,6 +61,14 @@ def test_what_no_mean_is_for_is_refused(burst, camera):
         malus.average(burst[:1])
     with pytest.raises(malus.InputError, match="has the same pixels as"):
         malus.average([burst[0], burst[1], burst[0]])
+    with pytest.raises(malus.InputError, match=r"^frames\[2\]: has the same pixels as frames\[0\]"):
+        malus.average([burst[0], burst[1], burst[0]])
+    small = malus.Frame(burst[1].dn[:64], LAYOUT, black=0, white=3900, gain_db=GAIN_DB)
+    with pytest.raises(malus.InputError, match=r"^frames\[1\]: has 128 x 64 pixels, other ones than frames\[0\] has"):
+        malus.average([burst[0], small])
+    assert malus.average(burst).source == burst[0].source == "array"
+    with pytest.raises(TypeError, match=r"frames\[1\] is none"):
+        malus.average([burst[0], burst[1].dn])
     with pytest.raises(TypeError, match="list of Frames"):
         malus.average([burst[0].dn, burst[1].dn])
     with pytest.raises(malus.InputError, match="mean_of"):
