@@ -34,6 +34,15 @@ TEST(ConfigSettings, ReplaceAndAddAndLeaveTheRest) {
   EXPECT_EQ(root.text("title"), "b = c");
 }
 
+// What the file names cannot be left out otherwise; there, an empty list is a slip.
+TEST(ConfigSettings, AnEmptyListLeavesOutWhatTheFileNames) {
+  EXPECT_TRUE(with({"data.pictures=[]"}).section("data")->texts("pictures").empty());
+  const ConfigSection file =
+      ConfigSection::parse("pictures = []", "file.toml", "the configuration");
+  EXPECT_NE(problem_of([&] { (void)file.texts("pictures"); }).find("is an empty list"),
+            std::string::npos);
+}
+
 TEST(ConfigSettings, TheLastOneCounts) {
   const ConfigSection root = with({"train.steps=7", "train.steps=8"});
   EXPECT_EQ(root.section("train")->whole_number("steps", 0, 100), 8);

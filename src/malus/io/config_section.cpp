@@ -22,8 +22,11 @@ struct ConfigSection::Table {
   const toml::table* at = nullptr;
   std::string source, title;
 
+  bool is_setting(const toml::source_region& region) const {
+    return region.path && *region.path != source;
+  }
   std::string place(const toml::source_region& region) const {
-    if (region.path && *region.path != source) return *region.path;  // a setting
+    if (is_setting(region)) return *region.path;
     return region.begin.line > 0 ? fmt::format("{}:{}", source, region.begin.line) : source;
   }
 };
@@ -233,7 +236,10 @@ std::vector<std::string> ConfigSection::texts(std::string_view key) const {
   if (!node) return {};
   if (const auto* one = node->as_string()) return {one->get()};
   std::vector<std::string> values;
-  if (is_empty_list(key)) fail(key, "is an empty list", "name one or more, or leave it out");
+  if (is_empty_list(key)) {
+    if (table_->is_setting(node->source())) return {};  // takes out what the file names
+    fail(key, "is an empty list", "name one or more, or leave it out");
+  }
   if (const toml::array* list = node->as_array())
     for (const auto& element : *list) {
       if (!element.is_string()) fail(key, "holds something else than text", "put it in quotes");

@@ -55,8 +55,9 @@ class ConfigSection {
   std::optional<double> positive_number(std::string_view key) const;
   std::optional<bool> flag(std::string_view key) const;
   std::optional<int> whole_number(std::string_view key, int minimum, int maximum) const;
-  std::vector<double> numbers(std::string_view key) const;     ///< one number or a list
-  std::vector<std::string> texts(std::string_view key) const;  ///< one text or a list
+  std::vector<double> numbers(std::string_view key) const;  ///< one number or a list
+  /// One text or a list, which is empty in a setting alone: that leaves out what the file names.
+  std::vector<std::string> texts(std::string_view key) const;
   /// All texts here and below, keys not among them: names of files among other things.
   std::vector<std::string> every_text() const;
   std::vector<std::vector<std::string>> text_rows(std::string_view key) const;
