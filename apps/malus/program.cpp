@@ -108,6 +108,11 @@ class TerminalProgress final : public Progress {
     erase();
     app::warn(message);
   }
+  void warn_of(std::string_view file, std::string_view message) override {
+    const std::lock_guard lock(mutex_);
+    erase();
+    app::warn_of(std::string(file), std::string(message));
+  }
   void note(std::string_view message) override {
     if (quiet_) return;
     const std::lock_guard lock(mutex_);

@@ -142,8 +142,13 @@ TEST_P(MosaicMethod, TilesEqualTheWhole) {
   const Denoised whole = denoise_frame(frame, profile_of(noise), settings);
   ASSERT_EQ(whole.tiles, 1);
   leave_memory(40, settings);
-  const Denoised tiled = denoise_frame(frame, profile_of(noise), settings);
+  WarningsAndTiles seen;
+  const Denoised tiled = denoise_frame(frame, profile_of(noise), settings, seen);
   EXPECT_GT(tiled.tiles, 1);
+  // A wait that the memory makes is told before it, not after.
+  EXPECT_THAT(seen.warnings,
+              testing::ElementsAre(testing::ContainsRegex("^test: .* tiles, .* times the work")));
+  EXPECT_EQ(seen.tiles_before_warning, 0);
   EXPECT_EQ(whole.dn_above_black.values(), tiled.dn_above_black.values());
 }
 

@@ -60,16 +60,11 @@ TEST(ResultComplaints, NameWhatWasFilled) {
   EXPECT_THAT(result_complaints(mono_frame(), result, {}), IsEmpty());
 }
 
-TEST(ResultComplaints, NameTheMemoryThatWouldSaveTiles) {
-  Denoised result = plain_result();
-  result.tiles = 12;
-  result.whole_frame_mib = 238;
-  result.tile_work = 1.9;
-  EXPECT_THAT(result_complaints(mono_frame(), result, {}), IsEmpty());
-  result.tile_work = 5.42;
-  EXPECT_THAT(result_complaints(mono_frame(), result, {}),
-              ElementsAre(AllOf(HasSubstr("12 tiles"), HasSubstr("took 5.4 times the work"),
-                                HasSubstr("for which memory 238 is enough"))));
+TEST(TileWorkComplaint, NamesTheMemoryThatWouldSaveTiles) {
+  EXPECT_EQ(tile_work_complaint(12, 1.9, 238), "");
+  EXPECT_THAT(tile_work_complaint(12, 5.42, 238),
+              AllOf(HasSubstr("12 tiles"), HasSubstr("take 5.4 times the work"),
+                    HasSubstr("for which memory 238 is enough")));
 }
 
 TEST(ResultComplaints, NameAFrameThatIsTooSmallForItsStatedError) {

@@ -6,7 +6,10 @@
 #include "malus/noise/model.h"
 
 #include <cmath>
+#include <cstdint>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "denoise/drawn_frame.h"
 
@@ -41,5 +44,20 @@ inline void leave_memory(double mib, DenoiseSettings& settings) {
   settings.memory_mib = 128;
   settings.held_values = 0.92 * (settings.memory_mib - mib) * 0x1p20 / 4;
 }
+
+/// What was said, and how many tiles were done by then.
+class WarningsAndTiles final : public Progress {
+ public:
+  void begin(std::string_view, std::int64_t) override {}
+  void advance(std::int64_t steps) override { tiles += steps; }
+  void warn(std::string_view message) override {
+    warnings.emplace_back(message);
+    tiles_before_warning = tiles;
+  }
+  bool stop_requested() const override { return false; }
+
+  std::vector<std::string> warnings;
+  std::int64_t tiles = 0, tiles_before_warning = -1;
+};
 
 }  // namespace malus

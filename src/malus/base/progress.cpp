@@ -2,6 +2,8 @@
 
 #include "malus/base/error.h"
 
+#include <fmt/format.h>
+
 namespace malus {
 namespace {
 
@@ -14,6 +16,10 @@ class Silent final : public Progress {
 };
 
 }  // namespace
+
+void Progress::warn_of(std::string_view file, std::string_view message) {
+  warn(fmt::format("{}: {}", file, message));
+}
 
 Progress& silent_progress() {
   static Silent silent;

@@ -16,6 +16,8 @@ class Progress {
   virtual void begin(std::string_view stage, std::int64_t total) = 0;
   virtual void advance(std::int64_t steps) = 0;
   virtual void warn(std::string_view message) = 0;
+  /// The same of a file: "file: message" by default. Who works on many may say it once of all.
+  virtual void warn_of(std::string_view file, std::string_view message);
   /// What a user may like to know and need not act on; said nowhere by default.
   virtual void note(std::string_view /*message*/) {}
   /// The work checks this between steps and throws Cancelled.

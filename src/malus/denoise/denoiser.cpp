@@ -6,6 +6,7 @@
 #include "malus/base/text.h"
 #include "malus/base/wording.h"
 #include "malus/denoise/cut_off.h"
+#include "malus/denoise/frame_complaints.h"
 #include "malus/denoise/internal/baselines.h"
 #include "malus/denoise/internal/bm3d_mix.h"
 #include "malus/denoise/internal/censored_error.h"
@@ -213,12 +214,15 @@ void filter_prepared(const PreparedFrame& frame, const NoiseProfile& profile,
   const internal::MemoryBudget memory{
       settings.memory_mib, frames * static_cast<double>(frame.dn.size()) + settings.held_values};
   Image cell_error(internal::cell_count(frame.dn.rows()), internal::cell_count(frame.dn.cols()));
-  const internal::FrameTiles tiles =
-      filter_stabilised(stabilised, settings, memory, result.dn_above_black,
-                        {.error = error, .cell_error = &cell_error}, progress);
+  const auto tell_work = [&](const internal::FrameTiles& tiles) {
+    const std::string line = tile_work_complaint(tiles.count, tiles.work, tiles.whole_mib);
+    if (!line.empty()) progress.warn_of(frame.source, line);
+  };
+  const internal::FrameTiles tiles = filter_stabilised(
+      stabilised, settings, memory, result.dn_above_black,
+      {.error = error, .cell_error = &cell_error, .planned = tell_work}, progress);
   result.tiles = tiles.count;
   result.tile_work = tiles.work;
-  result.whole_frame_mib = tiles.whole_mib;
   const std::vector<float> uncut = uncut_samples(stabilizers, frame);
   const internal::SampleNoise noise =
       sure_noise(stabilizers, uncut, frame, {profile, of_frame}, result);

@@ -98,7 +98,6 @@ struct Denoised {
   std::optional<NoiseCheck> noise;  ///< the frame's own against the profile's
   int tiles = 1;
   double tile_work = 1;
-  double whole_frame_mib = 0;  ///< memory with which there is one tile; 0: always
   std::vector<StageTime> times;
 
   /// What is told of every frame: JSON, Python and its help come from here.
@@ -170,6 +169,7 @@ const DenoiseMethod& denoise_method(const std::string& name, const std::string& 
 /// Throws InputError on an unknown method or profile name, an empty frame, a layout that differs
 /// from the profile's, black levels that are not one per channel, a white that is not above black
 /// or out of all range, settings out of their range, or too little memory; Cancelled.
+/// progress is warned of much work of small tiles before that begins.
 Denoised denoise_frame(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                        Progress& progress = silent_progress(), bool want_variance = false);
 

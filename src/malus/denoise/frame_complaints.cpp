@@ -64,17 +64,16 @@ std::string few_pixels(const Denoised& result) {
       counted(least, "pixel"));
 }
 
-std::string work_of_tiles(const Denoised& result) {
-  constexpr double kMuchWork = 2;
-  if (!(result.tile_work > kMuchWork)) return {};
-  return fmt::format(
-      "{} tiles, with what each needs around it, took {:.1f} times the work of the frame in one "
-      "piece, for which {} is enough",
-      result.tiles, result.tile_work,
-      setting("memory", fmt::format("{:.0f}", result.whole_frame_mib)));
-}
-
 }  // namespace
+
+std::string tile_work_complaint(int tiles, double work, double whole_mib) {
+  constexpr double kMuchWork = 2;
+  if (!(work > kMuchWork)) return {};
+  return fmt::format(
+      "{} tiles, with what each needs around it, take {:.1f} times the work of the frame in one "
+      "piece, for which {} is enough",
+      tiles, work, setting("memory", fmt::format("{:.0f}", whole_mib)));
+}
 
 std::vector<std::string> frame_complaints(const Denoised& result, bool polarized,
                                           std::int64_t of_picture) {
@@ -121,7 +120,6 @@ std::vector<std::string> result_complaints(const RawFrame& before, const Denoise
     if (!line.empty()) lines.push_back(std::move(line));
   };
   add(many_defects(result));
-  add(work_of_tiles(result));
   add(few_pixels(result));
   // One cause, one line: a mean moves because the noise is another.
   const std::string noise = result.noise ? noise_complaint(*result.noise) : "";

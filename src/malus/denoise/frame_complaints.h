@@ -18,10 +18,15 @@ namespace malus {
 std::vector<std::string> frame_complaints(const Denoised& result, bool polarized,
                                           std::int64_t of_picture = 0);
 
+/// That tiles cost much more work than the frame in one piece: their pixels, with what each needs
+/// around it, over the frame's; and the memory [MiB] with which there is one. Empty where they cost
+/// no more than twice as much.
+std::string tile_work_complaint(int tiles, double work, double whole_mib);
+
 /// All that a result tells against its frame, its profile or the network that made it: the lines
-/// above, many defects, much work of small tiles, a stated error of too few pixels, noise that is
-/// not the profile's or else a mean that moved. `network` is that one's file, empty where a filter
-/// did. `before` needs no pixels.
+/// above, many defects, a stated error of too few pixels, noise that is not the profile's or else a
+/// mean that moved. `network` is that one's file, empty where a filter did. `before` needs no
+/// pixels.
 std::vector<std::string> result_complaints(const RawFrame& before, const Denoised& result,
                                            const NoiseProfile& profile,
                                            const std::string& network = "");

@@ -69,6 +69,33 @@ struct Span {
   int tile_size() const { return tile_end - tile_begin; }
 };
 
+// A frame's tiles, row by row.
+struct Tiling {
+  int rows, cols, down, across;
+  TileSize size;
+  Reach reach;
+  Tiling(int frame_rows, int frame_cols, const Reach& around, const MemoryBudget& memory)
+      : rows(frame_rows),
+        cols(frame_cols),
+        down(0),
+        across(0),
+        size(plan_tiles(frame_rows, frame_cols, around, memory)),
+        reach(around) {
+    down = (rows + size.rows - 1) / size.rows;
+    across = (cols + size.cols - 1) / size.cols;
+  }
+
+  Span rows_of(int t) const { return {t / across, size.rows, rows, reach.inside, reach.beyond}; }
+  Span cols_of(int t) const { return {t % across, size.cols, cols, reach.inside, reach.beyond}; }
+  FrameTiles told(const MemoryBudget& memory) const {
+    const double whole = frame_pixels(rows, cols, reach);
+    double pixels = 0;
+    for (int t = 0; t < down * across; ++t)
+      pixels += static_cast<double>(rows_of(t).tile_size()) * cols_of(t).tile_size();
+    return {down * across, pixels / whole, memory.mib_for(kBytesPerTilePixel * whole)};
+  }
+};
+
 void copy_core(const Image& tile, const Span& down, const Span& across, Image& frame) {
   for (int r = down.begin; r < down.end; ++r)
     std::copy_n(tile.row(r - down.tile_begin) + (across.begin - across.tile_begin),
@@ -122,8 +149,9 @@ std::optional<CoarseScale> filter_coarse(const FrameSource& frame, const MosaicF
 
 }  // namespace
 
-FrameTiles filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, MemoryBudget memory,
-                        Image& estimate, const FrameReport& report, Progress& progress) {
+FrameTiles filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan,
+                        const MemoryBudget& memory, Image& estimate, const FrameReport& report,
+                        Progress& progress) {
   const SensorLayout& layout = frame.layout;
   const int rows = frame.rows, cols = frame.cols;
   check_stop(progress);
@@ -135,20 +163,17 @@ FrameTiles filter_frame(const FrameSource& frame, const MosaicFilterPlan& plan, 
   const bool with_error = report.error || report.cell_error;
   // One coarse scale, as Wiener filters have, tells no even light: slow light is alike there too.
   const bool many_scales = plan.guided.back().filter == StackFilter::ridge;
-  std::optional<CoarseScale> coarse =
+  const auto halved = plan.coarse.empty() ? std::nullopt : coarse_size(rows, cols, layout);
+  const MemoryBudget left =
+      halved ? memory.holding(kHeldAfter * halved->rows * halved->cols) : memory;
+  const Tiling tiling(rows, cols, Reach(plan, layout, report, repeat_reach), left);
+  const FrameTiles tiles = tiling.told(left);
+  if (report.planned) report.planned(tiles);
+  const std::optional<CoarseScale> coarse =
       filter_coarse(frame, plan, memory, report.unlike || (with_error && many_scales), progress);
-  if (coarse) memory = memory.holding(kHeldAfter * static_cast<double>(coarse->estimate.size()));
-  const Reach reach(plan, layout, report, repeat_reach);
-  const TileSize size = plan_tiles(rows, cols, reach, memory);
-  const int down = (rows + size.rows - 1) / size.rows;
-  const int across = (cols + size.cols - 1) / size.cols;
-  progress.begin("denoising", down * across);
-  const double whole = frame_pixels(rows, cols, reach);
-  FrameTiles tiles{down * across, 0, memory.mib_for(kBytesPerTilePixel * whole)};
+  progress.begin("denoising", tiles.count);
   for (int t = 0; t < tiles.count; ++t) {
-    const Span v(t / across, size.rows, rows, reach.inside, reach.beyond);
-    const Span h(t % across, size.cols, cols, reach.inside, reach.beyond);
-    tiles.work += static_cast<double>(v.tile_size()) * h.tile_size() / whole;
+    const Span v = tiling.rows_of(t), h = tiling.cols_of(t);
     const StackTile tile =
         cut_tile(frame, v.tile_begin, h.tile_begin, v.tile_size(), h.tile_size());
     Image tile_error;

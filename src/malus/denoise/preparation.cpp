@@ -298,6 +298,7 @@ PreparedFrame prepare_frame(RawFrame frame, const NoiseProfile& profile, Prepara
                             Denoised& report) {
   PreparedFrame prepared;
   prepared.layout = frame.layout;
+  prepared.source = frame.source;
   prepared.range_dn = white_above_black(frame.white_dn, frame.black_dn);
   prepared.nonfinite = take_nonfinite(frame);
   // No pixels until pattern and lines are out: what fills them has no offset of their own row.

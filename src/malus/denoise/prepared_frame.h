@@ -7,6 +7,7 @@
 #include "malus/denoise/saturated_pixels.h"
 #include "malus/noise/stabilize.h"
 
+#include <string>
 #include <vector>
 
 namespace malus {
@@ -33,6 +34,7 @@ struct PreparedFrame {
   /// removed, but from noiseless areas, which have none.
   Image dn;
   SensorLayout layout;
+  std::string source;                     ///< that of the frame
   double range_dn = 0;                    ///< white above the highest black level
   double highest_dn = 0;                  ///< white above the lowest black level
   SaturatedPixels saturated;              ///< as bright as white or brighter
