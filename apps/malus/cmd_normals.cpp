@@ -218,7 +218,7 @@ void add_normals(CLI::App& app, Common& common) {
       "where it has none");
   command->add_flag("--full", arguments->full,
                     "one normal per pixel by demosaicking, instead of one per cell");
-  arguments->raw.add_to(*command, {.dark = true});
+  arguments->raw.add_to(*command, {.dark = true, .polarized = true});
   add_flags(*command, arguments->settings);
 }
 

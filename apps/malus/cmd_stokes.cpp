@@ -348,7 +348,7 @@ void add_stokes(CLI::App& app, Common& common) {
       ->check(
           one_of(std::vector<std::string>(kDemosaickingNames.begin(), kDemosaickingNames.end())))
       ->capture_default_str();
-  arguments->raw.add_to(*command, {.dark = true});
+  arguments->raw.add_to(*command, {.dark = true, .polarized = true});
   command->get_option("--dark")->excludes(model);
   add_flags(*command, arguments->render);
 }

@@ -5,6 +5,7 @@
 #include "malus/image/black_levels.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <set>
 #include <tuple>
@@ -36,15 +37,30 @@ void take_black_of_dark(const std::vector<std::filesystem::path>& files, FrameOp
   options.black_gain = levels.gain();
 }
 
+void require_counted(const char* flag, double dn) {
+  if (!(std::abs(dn) <= kMostCountedDn))
+    throw CLI::ValidationError(
+        flag, fmt::format("{:g} DN is beyond all that cameras count; correct it", dn));
+}
+
+void add_layout(CLI::App& command, std::string& layout, bool polarized, const std::string& group) {
+  std::vector<std::string> names = SensorLayout::known_names();
+  if (polarized)
+    std::erase_if(names,
+                  [](const std::string& name) { return !SensorLayout::named(name).polarized(); });
+  command.add_option("--layout", layout, fmt::format("sensor layout: {}", joined(names)))
+      ->check(accepted_by([polarized, names](const std::string& name) {
+        if (!SensorLayout::named(name).polarized() && polarized)
+          throw InputError(name, "has no four polarizer angles", "choose one of " + joined(names));
+      }))
+      ->group(group);
+}
+
 }  // namespace
 
 void RawOptions::add_to(CLI::App& command, With with) {
   const std::string group = "Raw input (each wins over the file and the session)";
-  command
-      .add_option("--layout", layout_,
-                  fmt::format("sensor layout: {}", joined(SensorLayout::known_names())))
-      ->check(accepted_by([](const std::string& name) { SensorLayout::named(name); }))
-      ->group(group);
+  add_layout(command, layout_, with.polarized, group);
   auto* black = command
                     .add_option("--black", black_dn_,
                                 "black level: one number, or one per channel, separated by commas "
@@ -100,6 +116,8 @@ void RawOptions::check_usage() const {
     if (!layout_.empty() && !black_dn_.empty())
       black_per_channel(black_dn_, SensorLayout::named(layout_), "--black");
   });
+  for (const double dn : black_dn_) require_counted("--black", dn);
+  if (white_dn_) require_counted("--white", *white_dn_);
   if (white_dn_ && std::ranges::any_of(black_dn_, [&](double dn) { return dn >= *white_dn_; }))
     throw CLI::ValidationError(
         "--black", fmt::format("{:g} DN is not below --white {:g} DN; correct one of them",

@@ -20,8 +20,9 @@ class RawOptions {
  public:
   /// Which of the flags mean something to a command: not a gain where it has its own, nor means of
   /// frames where the noise of one counts; dark frames where light is made of raw frames.
+  /// polarized: no layout without polarizers makes sense of them.
   struct With {
-    bool gain = true, means = true, dark = false;
+    bool gain = true, means = true, dark = false, polarized = false;
   };
   void add_to(CLI::App& command) { add_to(command, With()); }
   void add_to(CLI::App& command, With with);

@@ -92,6 +92,10 @@ def test_a_list_of_files_that_took_the_positional_is_told(malus, tmp_path):
     ("model show imx250mzr-simulated --gain 1600", "--gain: is 1600 dB, beyond any camera's"),
     ("info f.npy --gain 101", "--gain: is 101 dB, beyond any camera's"),
     ("info f.npy --layout mono --black 1,2", "--black: 2 black levels for the 1 channel of mono"),
+    ("stokes f.npy -o out --layout mono", '--layout: "mono" has no four polarizer angles; choose one of polar-mono, '),
+    ("normals f.npy -o out --layout bayer-rggb", '--layout: "bayer-rggb" has no four polarizer angles; choose one of polar-mono, '),
+    ("info f.npy --white 1e300", "--white: 1e+300 DN is beyond all that cameras count"),
+    ("denoise f.npy -o out --black=-1e30", "--black: -1e+30 DN is beyond all that cameras count"),
     ("average f.npy g.npy -o mean.png", "mean.png: PNG holds no floating-point values"),
     ("average f.npy g.npy -o mean.jpg", 'mean.jpg: the ending ".jpg" cannot be written')])
 def test_flags_that_are_wrong_by_themselves_are_wrong_usage(misused, tmp_path, command, words):
