@@ -2,6 +2,7 @@
 #include "malus/calibrate/internal/dark_codes.h"
 
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/internal/flat_checks.h"
 
 #include "../problem_of.h"
 #include "simulated_session.h"
@@ -50,6 +51,19 @@ TEST(DarkCodes, LevelsWithoutRoomAreRefusedWithTheFlag) {
   }
   EXPECT_THAT(problem(1e-4), ::testing::HasSubstr("GB of counts"));
   EXPECT_THAT(problem(0.04), ::testing::HasSubstr("numbers of a channel that a model file holds"));
+}
+
+// Noise of less than half a step about the middle of two levels leaves the code between them out.
+TEST(DarkCodes, ACodeThatNarrowNoiseLeavesOutIsNotTheConverters) {
+  const auto told = [](double dark_sd_dn) {
+    PhysicsCalibration out;
+    out.temporal_sd_dark_dn = {1, dark_sd_dn};
+    warn_of_scaled_codes({}, {.codes = {{"R", 2, 2}, {"B", 2, 2, 65.0}}}, out);
+    return out.warnings;
+  };
+  EXPECT_THAT(told(0.99), ::testing::IsEmpty());
+  EXPECT_THAT(told(1.01), ::testing::ElementsAre(
+                              ::testing::HasSubstr("B: no dark pixel has the code 65, though")));
 }
 
 }  // namespace

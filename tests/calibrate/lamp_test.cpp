@@ -1,5 +1,6 @@
 // Flats of a lamp that flickers, or comes late: what is left of it in K, and what is said.
 #include "malus/calibrate/calibrate.h"
+#include "malus/calibrate/internal/flat_checks.h"
 #include "malus/calibrate/internal/lamp_flicker.h"
 
 #include <cmath>
@@ -137,6 +138,26 @@ TEST(Lamp, AFrameWithoutItsLightIsLeftOut) {
   for (const auto& [frames, late] : {std::pair(2, 1), {4, 2}})
     EXPECT_THAT(session(frames, late).warnings,
                 AllOf(Not(left_out), Contains(HasSubstr("its frames run from"))));
+}
+
+TEST(Lamp, ComesFirstWhereFramesAreOfUnlikeLight) {
+  const auto told = [](double brighter_dn) {
+    PhysicsCalibration out;
+    FlatObservation flat;
+    flat.name = "flats of level 2";
+    flat.sources = {"a.tif", "b.tif"};
+    flat.signal_dn = {brighter_dn, 200};
+    const bool any = warn_of_flats({flat}, {.dark_sd_dn = 2, .bias_frames = 2, .step_dn = 1}, out);
+    EXPECT_EQ(any, !out.warnings.empty());
+    return out.warnings;
+  };
+  EXPECT_THAT(told(219), ::testing::IsEmpty());
+  EXPECT_THAT(told(250),
+              ::testing::ElementsAre(
+                  "flats of level 2: its frames run from 200 DN of light (b.tif) to 250 DN "
+                  "(a.tif): does the lamp flicker? That does no harm; but if these are several "
+                  "exposures or light levels, give the frames of each their own [[frames]], with "
+                  "`level`"));
 }
 
 TEST(Flats, OfOneFrameEachAreNamedAsSuch) {

@@ -1,4 +1,5 @@
-// Defects that the model lists. Truth: a smooth picture known without noise, fixed seeds.
+// Defects that the model lists, and pixels without a number. Truth: a smooth picture known without
+// noise, fixed seeds.
 #include "malus/denoise/denoiser.h"
 #include "malus/noise/model.h"
 
@@ -82,6 +83,33 @@ TEST(Defects, AmongPixelsThatAreNoNumbersAreNoneEither) {
   EXPECT_EQ(result.nonfinite_pixels, 64 * 32);
   EXPECT_TRUE(std::isnan(result.dn_above_black(32, 15)));
   EXPECT_NEAR(result.dn_above_black(32, 31), 150, 25);
+}
+
+// What fills pixels without a number for the filter's sake is no measurement: here it would move
+// the means by a quarter, and a channel that holds no number has no mean but 0.
+TEST(DenoiseFrame, WhatFillsPixelsWithoutANumberIsNotInTheMeans) {
+  constexpr int kSize = 64, kHole = 8;
+  const PhysicsNoise noise = equal_channels("polar-mono", {1.5, 0.1, -0.4, 1.8, 0.6});
+  Image clean(kSize, kSize, 100.0f);
+  for (int r = 0; r < kSize; ++r)
+    for (int c = kSize / 2; c < kSize; ++c) clean(r, c) = 300.0f;
+  RawFrame frame = drawn_frame(clean, noise, {.black_dn = 82}, 9);
+  double sum = 0;
+  int count = 0;
+  for (int r = 0; r < kSize; ++r)
+    for (int c = 0; c < kSize; ++c) {
+      const int channel = frame.layout.channel_at(r, c);
+      if (c >= kSize / 2 + kHole || channel == 3)
+        frame.dn(r, c) = kNoValue;
+      else if (channel == 0)
+        sum += frame.dn(r, c) - 82, ++count;
+    }
+  const NoiseProfile profile = profile_of(noise);
+  const Denoised result = denoise_frame(frame, profile, {.method = "bm3d", .profile = "fast"});
+  EXPECT_NEAR(result.mean_dn.at(0), sum / count - profile.channels[0].bias_dn, 0.5);
+  EXPECT_LT(result.mean_dn.at(0), 150);  // 200 with the hole filled
+  EXPECT_NEAR(result.mean_shift_dn.at(0), 0, 2);
+  EXPECT_EQ(result.mean_dn.at(3), 0);
 }
 
 }  // namespace

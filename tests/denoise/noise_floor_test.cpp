@@ -133,6 +133,19 @@ TEST(NoiseFloor, PixelsThatDoNotCountAreLeftOut) {
   EXPECT_NEAR(mean_ratio(even, "polar-mono", 1.0, 4000.0F), 1.0, 0.06);
 }
 
+// Three by three parts are looked at one by one. Wherever the only pixels of a frame lie that tell
+// anything, they are found.
+TEST(NoiseFloor, IsFoundInEveryPartOfTheFrame) {
+  constexpr int kPart = 128;
+  const Image even = noisy(3 * kPart, 3 * kPart, [](int, int) { return 200.0; });
+  for (int part = 0; part < 9; ++part) {
+    Image alone(3 * kPart, 3 * kPart, std::numeric_limits<float>::quiet_NaN());
+    for (int r = part / 3 * kPart; r < (part / 3 + 1) * kPart; ++r)
+      for (int c = part % 3 * kPart; c < (part % 3 + 1) * kPart; ++c) alone(r, c) = even(r, c);
+    EXPECT_NEAR(mean_ratio(alone, "polar-mono", 1.0), 1.0, 0.2) << part;
+  }
+}
+
 TEST(NoiseFloor, NothingIsSaidWhereNothingCanBeKnown) {
   const auto even = [](int, int) { return 200.0; };
   EXPECT_TRUE(std::isnan(mean_ratio(noisy(48, 48, even), "polar-bayer-rggb", 1.0)));

@@ -148,6 +148,27 @@ def test_a_gain_without_K_is_shown_by_the_joint_model_and_says_so(malus, tmp_pat
     assert "its K" not in between and "not measured at this gain: from the joint model" in between
 
 
+def test_a_conversion_gain_of_one_gain_shows_no_laws(malus, tmp_path):
+    """They would be of one point each."""
+    shutil.copy(SEEDS / "good_full.h5", tmp_path / "m.h5")
+
+    def keep(group, key, part):
+        values, attributes = group[key][part], dict(group[key].attrs)
+        del group[key]
+        group.create_dataset(key, data=values).attrs.update(attributes)
+
+    with h5py.File(tmp_path / "m.h5", "a") as file:
+        segment = file["joint/segments/000"]
+        for key in ("knots_db", "knots_log_K", "lambda"):
+            keep(segment, key, slice(1))
+        for law in [item for item in segment.values() if isinstance(item, h5py.Group)]:
+            keep(law, "residual", (slice(None), slice(1)))
+    whole, one = (malus("model", "show", path).out.split("\nJoint model over gain")[1].split("\n\n")[0] for path in
+                  (SEEDS / "good_full.h5", tmp_path / "m.h5"))
+    assert "log(sigma_TL)" in whole and "one gain" not in whole
+    assert one.splitlines()[1:] == ["  0 dB, K 0.4 DN/e-: one gain, with no other to go to"]
+
+
 def test_a_model_file_is_plain_for_h5py(tmp_path):
     h5py = pytest.importorskip("h5py")
     with h5py.File(SEEDS / "good_full.h5") as file:
