@@ -38,6 +38,12 @@ def group_of(layout):
     return 2 if layout.startswith("polar-bayer") else 1
 
 
+def colour_of(layout, rows, cols):
+    """0, 1, 2 for red, green, blue of these pixels; a sensor without colours is taken to see green."""
+    assert layout == "polar-mono" or layout.endswith("bayer-rggb"), layout
+    return COLOUR[rows // group_of(layout) % 2, cols // group_of(layout) % 2] if "bayer" in layout else np.ones_like(rows)
+
+
 def calibrated(layout, ratio, folder, columns=1):
     random = np.random.default_rng(1)
     text = f'[sensor]\nlayout = "{layout}"\nblack = {BLACK}\nwhite = {WHITE}\nrow_group = {group_of(layout)}\n'
@@ -70,8 +76,7 @@ def drawn(kind):
 
 def mosaic(layout, s0, dolp, aolp):
     r, c = np.mgrid[:ROWS, :COLS]
-    cell = 2 if group_of(layout) == 2 else 1
-    tint = 1 if layout == "polar-mono" else TINT[COLOUR[r // cell % 2, c // cell % 2]]
+    tint = TINT[colour_of(layout, r, c)]
     if not layout.startswith("polar"):
         return tint * s0
     return 0.5 * tint * s0 * (1 + dolp * np.cos(2 * np.radians(ANGLE[r % 2, c % 2] - aolp)))

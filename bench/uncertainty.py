@@ -34,9 +34,7 @@ RUNS = [("nl-ridge", "normal", "polar-bayer-rggb"), ("nl-ridge", "fast", "polar-
 def through_mosaic(layout, light, dolp, aolp):
     """light: (rows, cols, 3); what the layout's pixels see of it, 1 for white."""
     r, c = np.mgrid[:light.shape[0], :light.shape[1]]
-    cell = camera.group_of(layout)
-    colour = 1 if layout == "polar-mono" else camera.COLOUR[r // cell % 2, c // cell % 2]
-    seen = np.take_along_axis(light, np.broadcast_to(colour, r.shape)[..., None], 2)[..., 0]
+    seen = np.take_along_axis(light, camera.colour_of(layout, r, c)[..., None], 2)[..., 0]
     if not layout.startswith("polar"):
         return seen
     return seen / 2 * (1 + dolp * np.cos(2 * (aolp - np.radians(camera.ANGLE[r % 2, c % 2]))))
