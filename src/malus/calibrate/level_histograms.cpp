@@ -106,13 +106,17 @@ std::vector<double> open_below(const std::vector<double>& observed, std::size_t 
 }
 
 // What the parts of a code, plus normal row noise of s codes, give to each code when rounded. Of
-// codes before `lowest`, all to this one.
+// codes before `lowest`, all to this one. Only codes that hold something are visited: hot pixels
+// and wild rows spread a few thousand values over all codes of a converter.
 class RowBlur {
  public:
-  RowBlur(double s, int parts, std::size_t lowest)
+  RowBlur(double s, int parts, std::size_t lowest, const std::vector<double>& observed,
+          const std::vector<double>& start)
       : parts_(parts),
         reach_(static_cast<std::ptrdiff_t>(std::ceil(6.0 * s)) + 1),
-        lowest_(static_cast<std::ptrdiff_t>(lowest)) {
+        lowest_(static_cast<std::ptrdiff_t>(lowest)),
+        observed_(occupied(observed)),
+        started_(occupied(start)) {
     // A uniform part from a to b: difference of the integral of the normal distribution.
     const auto integral = [s](double x) { return s * mean_above_zero(x / s); };
     for (std::ptrdiff_t away = -reach_; away <= reach_; ++away)
@@ -123,36 +127,51 @@ class RowBlur {
         kernel_.push_back(std::max(parts * (below(low + 1.0) - below(low)), 0.0));
       }
   }
+  // Of codes that were observed: 0 elsewhere.
   std::vector<double> codes_of(const std::vector<double>& parts) const {
-    const auto n = std::ssize(parts) / parts_;
-    std::vector<double> codes(as_index(n), 0.0);
-    visit(n, [&](std::size_t code, std::size_t part, double share) {
+    std::vector<double> codes(parts.size() / as_index(parts_), 0.0);
+    visit([&](std::size_t code, std::size_t part, double share) {
       codes[code] += share * parts[part];
     });
     return codes;
   }
+  // Of codes that the start holds: 0 elsewhere, where its probability stays 0.
   std::vector<double> parts_of(const std::vector<double>& codes) const {
     std::vector<double> parts(codes.size() * as_index(parts_), 0.0);
-    visit(std::ssize(codes), [&](std::size_t code, std::size_t part, double share) {
+    visit([&](std::size_t code, std::size_t part, double share) {
       parts[part] += share * codes[code];
     });
     return parts;
   }
 
  private:
+  static std::vector<std::ptrdiff_t> occupied(const std::vector<double>& codes) {
+    std::vector<std::ptrdiff_t> out;
+    for (std::size_t i = 0; i < codes.size(); ++i)
+      if (codes[i] > 0) out.push_back(static_cast<std::ptrdiff_t>(i));
+    return out;
+  }
   template <class Use>
-  void visit(std::ptrdiff_t n, const Use& use) const {
-    for (std::ptrdiff_t from = 0; from < n; ++from)
-      for (std::ptrdiff_t to = lowest_ > 0 ? from - reach_
-                                           : std::max<std::ptrdiff_t>(from - reach_, 0);
-           to <= std::min(from + reach_, n - 1); ++to)
+  void visit(const Use& use) const {
+    for (const std::ptrdiff_t from : started_) {
+      const auto give = [&](std::ptrdiff_t to, std::ptrdiff_t code) {
         for (int j = 0; j < parts_; ++j)
-          use(as_index(std::max(to, lowest_)), as_index(from * parts_ + j),
+          use(as_index(code), as_index(from * parts_ + j),
               kernel_[as_index((to - from + reach_) * parts_ + j)]);
+      };
+      if (lowest_ > 0)
+        for (std::ptrdiff_t to = from - reach_; to <= std::min(from + reach_, lowest_); ++to)
+          give(to, lowest_);
+      const std::ptrdiff_t first = std::max(from - reach_, lowest_ > 0 ? lowest_ + 1 : 0);
+      for (auto to = std::lower_bound(observed_.begin(), observed_.end(), first);
+           to != observed_.end() && *to <= from + reach_; ++to)
+        give(*to, *to);
+    }
   }
   int parts_;
   std::ptrdiff_t reach_, lowest_;
-  std::vector<double> kernel_;  // [code - the part's own + reach][part]
+  std::vector<std::ptrdiff_t> observed_, started_;  // codes that hold something, rising
+  std::vector<double> kernel_;                      // [code - the part's own + reach][part]
 };
 
 }  // namespace
@@ -218,9 +237,10 @@ DarkDensity without_row_noise(const std::vector<double>& counts, double step_dn,
   const auto below = is_cut_off ? static_cast<std::size_t>(std::ceil(kReachedRows * s)) : 0;
   const std::vector<double> opened = open_below(observed, below);
   observed.insert(observed.begin(), opened.size() - observed.size(), 0.0);
-  const RowBlur blur(s, parts, opened.size() - counts.size());
-  DarkDensity out{smooth_within_codes(start_without_rows(opened, s), parts), parts,
-                  opened.size() - counts.size()};
+  const std::vector<double> start = start_without_rows(opened, s);
+  const std::size_t codes_below = opened.size() - counts.size();
+  const RowBlur blur(s, parts, codes_below, observed, start);
+  DarkDensity out{smooth_within_codes(start, parts), parts, codes_below};
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     std::vector<double> ratio = blur.codes_of(out.probability);
     for (std::size_t i = 0; i < ratio.size(); ++i)
