@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Random cameras, lights and scenes: by how much the default is better than other methods, and where it is not.
 
-    PYTHONPATH=build/release/python /usr/bin/python3 bench/random_cameras.py [--cases N] [--first N] [--layouts LAYOUT...] [--methods METHOD[/PROFILE]...] [--pictures PICTURE...] [--each]
+    PYTHONPATH=build/release/python /usr/bin/python3 bench/random_cameras.py [--cases N] [--first N] [--layouts LAYOUT...] [--methods METHOD[/PROFILE]...] [--pictures PICTURE...] [--each] [--errors]
 
 Every case draws a sensor layout, bits, gain, read and row noise of a NumPy camera (Poisson, rows, rounding, clipping), calibrates it from frames of its own, draws a light between a few electrons and full well, a
 lens, a scene of 256 pixels with its polarization (the scenes of like_pixels.py and, of --pictures, sRGB made linear) and denoises one frame. The table holds the mean of the default's lead, its least and
-greatest, and in how many cases the default has the higher image PSNR; --each prints the cases, which their number draws again.
+greatest, and in how many cases the default has the higher image PSNR; --each prints the cases, which their number draws again. With --errors, what the default states of its error instead: the squared error over it
+(geometric mean, least and greatest), how often two stated deviations hold the truth [%], and the cases in which they do in less than 85 %.
 """
 import argparse
 import warnings
@@ -95,11 +96,23 @@ class Case:
         self.electrons = self.light_e * (behind_lens(scene, blur) if blur else scene).seen_by(self.camera.layout)
         self.noise = np.random.default_rng([number, 1])
 
+    def calibrated_frame(self):
+        camera = self.camera
+        model = camera.calibrated(self.noise)
+        return model, malus.Frame(camera.exposed(self.electrons, self.noise), camera.layout, black=camera.black, white=camera.white, gain_db=0)
+
+    def honesty(self):
+        """Squared error over what is stated of it, and how often two stated deviations hold the truth, of pixels below white."""
+        model, frame = self.calibrated_frame()
+        result = malus.denoise(frame, model=model, gain=0, variance=True)
+        square, stated = (result["dn"] - self.camera.gain_dn_per_e * self.electrons)**2, result["variance"]
+        known = np.isfinite(stated)
+        return np.mean(square[known]) / np.mean(stated[known]), np.mean(square[known] < 4 * stated[known])
+
     def scores(self, methods):
         """Image PSNR, and of polarization DoLP PSNR [dB] and AoLP error [deg], of every method."""
         camera = self.camera
-        model = camera.calibrated(self.noise)
-        frame = malus.Frame(camera.exposed(self.electrons, self.noise), camera.layout, black=camera.black, white=camera.white, gain_db=0)
+        model, frame = self.calibrated_frame()
         truth, peak_dn = (camera.gain_dn_per_e * self.electrons).astype(np.float32), camera.gain_dn_per_e * self.light_e
 
         def score(method):
@@ -127,6 +140,30 @@ def table(leads, methods):
     return "\n".join(lines)
 
 
+def print_errors(cases, each):
+    ratios, shares = [], []
+    for number, case in cases:
+        ratio, share = case.honesty()
+        ratios.append(ratio)
+        shares.append(share)
+        if each or share < .85:
+            print(f"{number} {case}: {ratio:.2f}, {100 * share:.0f} %", flush=True)
+    print(f"{len(ratios)} cases: {np.exp(np.mean(np.log(ratios))):.2f} ({min(ratios):.2f} to {max(ratios):.2f}), {100 * np.mean(shares):.1f} %")
+
+
+def print_leads(cases, methods, each):
+    leads = {}
+    for number, case in cases:
+        default, *others = case.scores([DEFAULT, *methods])
+        lead = [(default - other) * [1, 1, -1][:len(default)] for other in others]
+        kind = "polarization" if case.camera.layout.startswith("polar") else "others"
+        leads.setdefault(f"{kind}, {'pictures' if case.of_picture else 'drawn'}", []).append(lead)
+        if each:
+            print(f"{number} {case}: " + ", ".join(f"{method} {np.round(one, 2).tolist()}" for method, one in zip(methods, lead)), flush=True)
+    count = sum(len(rows) for rows in leads.values())
+    print(f"{count} cases: lead of {DEFAULT}, image PSNR and of polarization DoLP PSNR [dB], AoLP [deg]: mean (least to greatest); cases won\n\n{table(leads, methods)}")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=60)
@@ -135,18 +172,12 @@ def main():
     parser.add_argument("--methods", nargs="+", default=["plane-bm3d", "bm3d"])
     parser.add_argument("--pictures", nargs="+", default=[])
     parser.add_argument("--each", action="store_true")
+    parser.add_argument("--errors", action="store_true")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    leads = {}
-    for number in range(options.first, options.first + options.cases):
-        case = Case(number, options.layouts, options.pictures)
-        default, *others = case.scores([DEFAULT, *options.methods])
-        lead = [(default - other) * [1, 1, -1][:len(default)] for other in others]
-        kind = "polarization" if case.camera.layout.startswith("polar") else "others"
-        leads.setdefault(f"{kind}, {'pictures' if case.of_picture else 'drawn'}", []).append(lead)
-        if options.each:
-            print(f"{number} {case}: " + ", ".join(f"{method} {np.round(one, 2).tolist()}" for method, one in zip(options.methods, lead)), flush=True)
-    print(f"{options.cases} cases: lead of {DEFAULT}, image PSNR and of polarization DoLP PSNR [dB], AoLP [deg]: mean (least to greatest); cases won\n\n{table(leads, options.methods)}")
+    numbers = range(options.first, options.first + options.cases)
+    cases = ((number, Case(number, options.layouts, options.pictures)) for number in numbers)
+    print_errors(cases, options.each) if options.errors else print_leads(cases, options.methods, options.each)
 
 
 if __name__ == "__main__":
