@@ -187,15 +187,15 @@ def test_existing_outputs_need_force(malus, refused, frame, tmp_path):
 
 
 @pytest.mark.parametrize("command", [
-    ["stokes"], ["denoise", "--model", "imx250mzr-simulated", "--gain", "90"], ["normals"],
-    ["synthesize", "-m", "imx250mzr-simulated", "--gain", "12"],
-    ["renoise", "-m", "imx250mzr-simulated", "--from", "6", "--to", "90"]])
+    ["stokes"], ["denoise", "--layout", "bayer-rggb", "--model", "imx250mzr-simulated", "--gain", "90"], ["normals"],
+    ["synthesize", "--layout", "bayer-rggb", "-m", "imx250mzr-simulated", "--gain", "12"],
+    ["renoise", "--layout", "bayer-rggb", "-m", "imx250mzr-simulated", "--from", "6", "--to", "90"]])
 def test_refused_runs_leave_no_folder(refused, tmp_path, command):
     np.save(tmp_path / "f.npy", np.full((16, 16), 300, np.uint16))
-    refused(command[0], tmp_path / "f.npy", *command[1:], "--layout", "bayer-rggb", "-o", tmp_path / "new/out")
+    refused(command[0], tmp_path / "f.npy", *command[1:], "-o", tmp_path / "new/out")
     assert not (tmp_path / "new").exists()
     (tmp_path / "mine").mkdir()
-    refused(command[0], tmp_path / "f.npy", *command[1:], "--layout", "bayer-rggb", "-o", tmp_path / "mine")
+    refused(command[0], tmp_path / "f.npy", *command[1:], "-o", tmp_path / "mine")
     assert (tmp_path / "mine").exists()
 
 
