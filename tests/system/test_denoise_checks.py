@@ -253,15 +253,15 @@ def test_integers_of_what_is_no_number_are_0_or_white_and_told(malus, tmp_path):
     assert (codes[10, 20], codes[30, 40], codes[50, 60]) == (0, 4095, 0)
 
 
-def test_a_white_that_leaves_no_range_is_refused(refused, tmp_path):
+def test_a_white_that_leaves_no_range_is_refused(refused, misused, tmp_path):
     """The tables of the noise reach up to it."""
     dark = np.random.default_rng(7).normal(-5, 1, (256, 256)).clip(None, -0.1).astype(np.float32)
     np.save(tmp_path / "dark.npy", dark)
     assert "white is not known" in refused("denoise", tmp_path / "dark.npy", "-o", tmp_path / "out")
     np.save(tmp_path / "light.npy", dark + 500)
-    line = refused("denoise", tmp_path / "light.npy", "--layout", "polar-mono", "--model", "imx250mzr-simulated", "--gain", 12,
+    line = misused("denoise", tmp_path / "light.npy", "--layout", "polar-mono", "--model", "imx250mzr-simulated", "--gain", 12,
                    "--white", "1e300", "-o", tmp_path / "out")
-    assert "light.npy: white 1e+300 DN" in line
+    assert "--white: 1e+300 DN is beyond all that cameras count" in line
 
 
 @pytest.mark.parametrize("kind, white", ((np.float32, 700), (np.uint8, 255)))
