@@ -177,7 +177,10 @@ def main():
     warnings.simplefilter("ignore")
     numbers = range(options.first, options.first + options.cases)
     cases = ((number, Case(number, options.layouts, options.pictures)) for number in numbers)
-    print_errors(cases, options.each) if options.errors else print_leads(cases, options.methods, options.each)
+    if options.errors:
+        print_errors(cases, options.each)
+    else:
+        print_leads(cases, options.methods, options.each)
 
 
 if __name__ == "__main__":

@@ -71,19 +71,17 @@ struct Span {
 
 // A frame's tiles, row by row.
 struct Tiling {
-  int rows, cols, down, across;
-  TileSize size;
+  int rows, cols;
   Reach reach;
+  TileSize size;
+  int down, across;
   Tiling(int frame_rows, int frame_cols, const Reach& around, const MemoryBudget& memory)
       : rows(frame_rows),
         cols(frame_cols),
-        down(0),
-        across(0),
-        size(plan_tiles(frame_rows, frame_cols, around, memory)),
-        reach(around) {
-    down = (rows + size.rows - 1) / size.rows;
-    across = (cols + size.cols - 1) / size.cols;
-  }
+        reach(around),
+        size(plan_tiles(rows, cols, reach, memory)),
+        down((rows + size.rows - 1) / size.rows),
+        across((cols + size.cols - 1) / size.cols) {}
 
   Span rows_of(int t) const { return {t / across, size.rows, rows, reach.inside, reach.beyond}; }
   Span cols_of(int t) const { return {t % across, size.cols, cols, reach.inside, reach.beyond}; }

@@ -37,9 +37,9 @@ double rounded_variance(double step_dn, double offset_dn, double variance_dn2) {
 }
 
 double most_rounded_noise(double step_dn, double variance_dn2) {
-  const double step2 = step_dn * step_dn;
-  double less = 0, more = variance_dn2 + step2;  // which shows more than rounding can hide
-  while (more - less > 1e-6 * step2) {
+  constexpr int kHalvings = 40;
+  double less = 0, more = variance_dn2 + step_dn * step_dn;  // shows more than rounding can hide
+  for (int i = 0; i < kHalvings; ++i) {
     const double middle = (less + more) / 2;
     (rounded_variance(step_dn, 0, middle) > variance_dn2 ? more : less) = middle;
   }

@@ -18,7 +18,7 @@ double undithered_variance(double step_dn, double variance_dn2);
 double rounded_variance(double step_dn, double offset_dn, double variance_dn2);
 
 /// The most noise, before a converter with step_dn > 0, of which rounded samples show no more than
-/// variance_dn2 [DN²]: that of a signal on a code, which shows least. Within 1e-6 step².
+/// variance_dn2 [DN²]: that of a signal on a code, which shows least.
 double most_rounded_noise(double step_dn, double variance_dn2);
 
 /// Variance of dark pixels [step²] below which the step hides the noise: EMVA 1288 then states the
