@@ -1,60 +1,14 @@
 #include "malus/denoise/row_noise.h"
 
-#include "malus/base/random.h"
-
 #include <algorithm>
 #include <cmath>
 #include <vector>
 
+#include "simulated_rows.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
-
-struct Simulated {
-  Image dn;
-  std::vector<double> offset;
-};
-
-NoiseProfile profile_with(double sigma_row_dn, double slope_dn) {
-  NoiseProfile profile;
-  profile.layout = SensorLayout::named("polar-bayer-rggb");
-  profile.row_group = 2;
-  for (int k = 0; k < 16; ++k) {
-    ChannelProfile channel;
-    channel.variance = VarianceCurve::affine(slope_dn, 14.0);
-    channel.sigma_row_dn = sigma_row_dn * (k < 8 ? 1.0 : 1.1);
-    profile.channels.push_back(channel);
-  }
-  return profile;
-}
-
-Simulated simulate(const NoiseProfile& profile, int rows, int cols, bool picture,
-                   std::uint64_t seed = 11, const RowDrift& drift = {}) {
-  Simulated result{Image(rows, cols), {}};
-  RandomSequence draws(seed, 0, Draw::kRow), pixels(seed, 0, Draw::kPixel);
-  const double keep = drift.white() ? 0 : std::exp(-1 / drift.length_groups);
-  double slow = draws.normal();
-  for (int g = 0; g < rows / profile.row_group; ++g) {
-    if (g > 0) slow = keep * slow + std::sqrt(1 - keep * keep) * draws.normal();
-    result.offset.push_back(drift.white() ? slow
-                                          : std::sqrt(drift.share) * slow +
-                                                std::sqrt(1 - drift.share) * draws.normal());
-  }
-  for (int r = 0; r < rows; ++r)
-    for (int c = 0; c < cols; ++c) {
-      const auto& channel =
-          profile.channels[static_cast<std::size_t>(profile.layout.channel_at(r, c))];
-      const double clean =
-          picture ? 60 + 40 * std::sin(0.11 * r + 0.05 * c) + (r > rows / 2 ? 50 : 0) : 30;
-      result.dn(r, c) = static_cast<float>(
-          clean + std::sqrt(channel.variance(clean)) * pixels.normal() +
-          channel.sigma_row_dn * result.offset[static_cast<std::size_t>(r / profile.row_group)]);
-    }
-  return result;
-}
-
-const std::vector<float> kSaturatedDn(16, 4000.0f);
 
 double rms_error(const std::vector<double>& a, const std::vector<double>& b) {
   double sum = 0;
@@ -63,9 +17,9 @@ double rms_error(const std::vector<double>& a, const std::vector<double>& b) {
 }
 
 TEST(RowNoise, OffsetsAreFoundWithTheirDeviation) {
-  const NoiseProfile profile = profile_with(1.0, 1.5);
-  const Simulated truth = simulate(profile, 400, 600, false);
-  const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
+  const NoiseProfile profile = profile_of_rows(1.0, 1.5);
+  const SimulatedRows truth = simulate_rows(profile, 400, 600, false);
+  const RowNoise rows = estimate_row_noise(truth.dn, profile, kRowsSaturateDn);
   ASSERT_EQ(rows.offset.size(), 200u);
   // 1200 pixels of 7.7 DN: 0.22 of the offsets' deviation is the floor.
   EXPECT_LT(rms_error(rows.offset, truth.offset), 0.45);
@@ -75,9 +29,9 @@ TEST(RowNoise, OffsetsAreFoundWithTheirDeviation) {
 // most of what is left.
 TEST(RowNoise, TheStatedDeviationIsThatOfTheOffsetsErrors) {
   for (const double sigma_row_dn : {7.7, 0.77}) {
-    const NoiseProfile profile = profile_with(sigma_row_dn, 1.5);
-    const Simulated truth = simulate(profile, 800, 600, false);
-    const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
+    const NoiseProfile profile = profile_of_rows(sigma_row_dn, 1.5);
+    const SimulatedRows truth = simulate_rows(profile, 800, 600, false);
+    const RowNoise rows = estimate_row_noise(truth.dn, profile, kRowsSaturateDn);
     double stated = 0;
     for (const double deviation : rows.deviation) stated += deviation * deviation / 400;
     EXPECT_NEAR(std::sqrt(stated) / rms_error(rows.offset, truth.offset), 1.0, 0.25)
@@ -88,29 +42,30 @@ TEST(RowNoise, TheStatedDeviationIsThatOfTheOffsetsErrors) {
 // Offsets that drift, of a camera whose model knows it and of one whose model takes them for white:
 // what is left then is up to 2.5 times what is stated.
 TEST(RowNoise, OffsetsThatDriftAreFoundByTheModelsDrift) {
-  NoiseProfile profile = profile_with(2.0, 1.5);
+  NoiseProfile profile = profile_of_rows(2.0, 1.5);
   const RowDrift drift{0.7, 10.0};
   double left = 0, stated = 0, left_by_white = 0;
   for (std::uint64_t seed = 1; seed <= 8; ++seed) {
-    const Simulated truth = simulate(profile, 800, 600, false, seed, drift);
+    const SimulatedRows truth = simulate_rows(profile, 800, 600, false, seed, drift);
     profile.row_drift = drift;
-    const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
+    const RowNoise rows = estimate_row_noise(truth.dn, profile, kRowsSaturateDn);
     left += std::pow(rms_error(rows.offset, truth.offset), 2) / 8;
     for (const double deviation : rows.deviation) stated += deviation * deviation / 3200;
     profile.row_drift = {};
-    left_by_white += std::pow(rms_error(estimate_row_noise(truth.dn, profile, kSaturatedDn).offset,
-                                        truth.offset),
-                              2) /
-                     8;
+    left_by_white +=
+        std::pow(
+            rms_error(estimate_row_noise(truth.dn, profile, kRowsSaturateDn).offset, truth.offset),
+            2) /
+        8;
   }
   EXPECT_LT(left, 0.7 * left_by_white);
   EXPECT_NEAR(std::sqrt(stated / left), 1.0, 0.15);
 }
 
 TEST(RowNoise, APictureIsNotTakenForRows) {
-  const NoiseProfile profile = profile_with(1.0, 1.5);
-  const Simulated truth = simulate(profile, 400, 600, true);
-  const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
+  const NoiseProfile profile = profile_of_rows(1.0, 1.5);
+  const SimulatedRows truth = simulate_rows(profile, 400, 600, true);
+  const RowNoise rows = estimate_row_noise(truth.dn, profile, kRowsSaturateDn);
   // The waves lift rows by 0.7 DN against their neighbours, two thirds of the noise.
   EXPECT_LT(rms_error(rows.offset, truth.offset), 0.92);
   // The row beside the horizontal edge of 50 DN must not be lifted by more than the model's rows.
@@ -121,9 +76,9 @@ TEST(RowNoise, APictureIsNotTakenForRows) {
 // and each row that is compared across their edge differs from them by up to 600 DN.
 TEST(RowNoise, LitWindowsLeaveNoStreaksInTheirRows) {
   for (const double sigma_row_dn : {0.5, 2.0}) {
-    const NoiseProfile profile = profile_with(sigma_row_dn, 0.5);
+    const NoiseProfile profile = profile_of_rows(sigma_row_dn, 0.5);
     RandomSequence windows(13, 0, Draw::kOther), noise(14, 0, Draw::kPixel);
-    Simulated truth = simulate(profile, 512, 512, false);
+    SimulatedRows truth = simulate_rows(profile, 512, 512, false);
     const auto lit = [](int row) { return row % 64 >= 24 && row % 64 < 40; };
     double light = 0;
     for (int r = 0; r < 512; r += 16)
@@ -139,7 +94,7 @@ TEST(RowNoise, LitWindowsLeaveNoStreaksInTheirRows) {
                   truth.offset[static_cast<std::size_t>(i / 2)]);
         }
       }
-    const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
+    const RowNoise rows = estimate_row_noise(truth.dn, profile, kRowsSaturateDn);
     double error_dn2 = 0, stated_dn2 = 0;
     for (int r = 0; r < 512; ++r)
       if (lit(r)) {
@@ -153,8 +108,8 @@ TEST(RowNoise, LitWindowsLeaveNoStreaksInTheirRows) {
 }
 
 TEST(RowNoise, RowsStrongerThanTheModelSaysAreStillRemoved) {
-  const Simulated truth = simulate(profile_with(1.6, 1.5), 400, 600, false);
-  const RowNoise rows = estimate_row_noise(truth.dn, profile_with(1.0, 1.5), kSaturatedDn);
+  const SimulatedRows truth = simulate_rows(profile_of_rows(1.6, 1.5), 400, 600, false);
+  const RowNoise rows = estimate_row_noise(truth.dn, profile_of_rows(1.0, 1.5), kRowsSaturateDn);
   std::vector<double> drawn_dn = truth.offset;
   for (double& offset : drawn_dn) offset *= 1.6;
   // 1.6 DN is what was there.
@@ -163,13 +118,13 @@ TEST(RowNoise, RowsStrongerThanTheModelSaysAreStillRemoved) {
 
 // Lines of two rows every 28, five deviations of the rows' noise high.
 TEST(RowNoise, LinesThatNoNoiseExplainsAreLeftInThePicture) {
-  const NoiseProfile profile = profile_with(3.0, 0.5);
-  Simulated truth = simulate(profile, 560, 600, false);
+  const NoiseProfile profile = profile_of_rows(3.0, 0.5);
+  SimulatedRows truth = simulate_rows(profile, 560, 600, false);
   const auto line = [](std::size_t group) { return group % 14 == 5; };
   for (int r = 0; r < 560; ++r)
     if (line(static_cast<std::size_t>(r / 2)))
       for (int c = 0; c < 600; ++c) truth.dn(r, c) += 15;
-  const RowNoise rows = estimate_row_noise(truth.dn, profile, kSaturatedDn);
+  const RowNoise rows = estimate_row_noise(truth.dn, profile, kRowsSaturateDn);
   std::vector<double> error;
   double taken = 0, count = 0;
   for (std::size_t g = 0; g < rows.offset.size(); ++g)
@@ -190,21 +145,21 @@ TEST(RowNoise, LinesThatNoNoiseExplainsAreLeftInThePicture) {
 TEST(RowNoise, RowsOfTheNoiseAreSeldomTakenForLines) {
   int kept = 0;
   for (std::uint64_t seed = 0; seed < 20; ++seed) {
-    const NoiseProfile profile = profile_with(3.0, 0.5);
-    const RowNoise rows =
-        estimate_row_noise(simulate(profile, 400, 160, false, seed).dn, profile, kSaturatedDn);
+    const NoiseProfile profile = profile_of_rows(3.0, 0.5);
+    const RowNoise rows = estimate_row_noise(simulate_rows(profile, 400, 160, false, seed).dn,
+                                             profile, kRowsSaturateDn);
     kept += static_cast<int>(std::count(rows.offset.begin(), rows.offset.end(), 0.0));
   }
   EXPECT_LE(kept, 4);  // 1 is expected; more than 4 of 20 in 0.3 % of all sets of seeds
 }
 
 TEST(RowNoise, LevelStripesAreLeftInThePicture) {
-  const NoiseProfile profile = profile_with(1.0, 1.5);
-  Simulated frame = simulate(profile, 400, 600, false);
+  const NoiseProfile profile = profile_of_rows(1.0, 1.5);
+  SimulatedRows frame = simulate_rows(profile, 400, 600, false);
   for (int r = 0; r < 400; ++r)
     for (int c = 0; c < 600; ++c)
       frame.dn(r, c) += static_cast<float>(5 * std::sin(2 * 3.14159265358979 * r / 21.3));
-  const RowNoise rows = estimate_row_noise(frame.dn, profile, kSaturatedDn);
+  const RowNoise rows = estimate_row_noise(frame.dn, profile, kRowsSaturateDn);
   double taken = 0;  // along the stripes, 5 is all of them
   for (int g = 0; g < 200; ++g)
     taken += rows.offset[static_cast<std::size_t>(g)] *
@@ -214,15 +169,15 @@ TEST(RowNoise, LevelStripesAreLeftInThePicture) {
 
 // In the lower half alone, so that most rows of the frame stand out by no more than a camera's.
 TEST(RowNoise, StripesOfAPartOfTheFrameStayAndWhatTheyHideIsStated) {
-  const NoiseProfile profile = profile_with(4.0, 1.5);
+  const NoiseProfile profile = profile_of_rows(4.0, 1.5);
   for (const int half_period : {6, 16}) {
-    Simulated frame = simulate(profile, 512, 512, false, 5);
+    SimulatedRows frame = simulate_rows(profile, 512, 512, false, 5);
     const auto stripe = [&](int row) {
       return row < 272 ? 0.0 : (row / half_period) % 2 ? -1.0 : 1.0;
     };
     for (int r = 0; r < 512; ++r)
       for (int c = 0; c < 512; ++c) frame.dn(r, c) += static_cast<float>(6.5 * stripe(r));
-    const RowNoise rows = estimate_row_noise(frame.dn, profile, kSaturatedDn);
+    const RowNoise rows = estimate_row_noise(frame.dn, profile, kRowsSaturateDn);
     double taken = 0, error = 0, stated = 0, above = 0;
     for (int r = 0; r < 512; ++r) {
       const auto g = static_cast<std::size_t>(r / 2);
@@ -240,29 +195,29 @@ TEST(RowNoise, StripesOfAPartOfTheFrameStayAndWhatTheyHideIsStated) {
 }
 
 TEST(RowNoise, StripesThatDwarfTheNoiseAreNoRowNoise) {
-  NoiseProfile profile = profile_with(0.0, 1.5);
-  Simulated frame = simulate(profile, 600, 600, false);
+  NoiseProfile profile = profile_of_rows(0.0, 1.5);
+  SimulatedRows frame = simulate_rows(profile, 600, 600, false);
   for (int r = 0; r < 600; ++r)
     for (int c = 0; c < 600; ++c)
       frame.dn(r, c) += static_cast<float>(40 * std::sin(2 * 3.14159265358979 * r / 21.3));
-  estimate_row_deviation(frame.dn, kSaturatedDn, profile);
+  estimate_row_deviation(frame.dn, kRowsSaturateDn, profile);
   EXPECT_EQ(profile.channels[0].sigma_row_dn, 0.0);
 }
 
 TEST(RowNoise, NothingWithoutRowNoiseInTheModel) {
-  const Simulated truth = simulate(profile_with(1.0, 1.5), 64, 64, false);
+  const SimulatedRows truth = simulate_rows(profile_of_rows(1.0, 1.5), 64, 64, false);
   for (const double offset :
-       estimate_row_noise(truth.dn, profile_with(0.0, 1.5), kSaturatedDn).offset)
+       estimate_row_noise(truth.dn, profile_of_rows(0.0, 1.5), kRowsSaturateDn).offset)
     EXPECT_EQ(offset, 0.0);
 }
 
 TEST(RowNoise, RemovalSubtractsTheChannelsOwnShareAndLeavesSaturatedPixels) {
-  const NoiseProfile profile = profile_with(2.0, 1.5);
+  const NoiseProfile profile = profile_of_rows(2.0, 1.5);
   Image dn(4, 4, 100.0f);
   dn(0, 0) = 4000;
   dn(0, 1) = 3990;  // the next channel saturates earlier
   dn(1, 0) = 3990;
-  std::vector<float> saturated_dn = kSaturatedDn;
+  std::vector<float> saturated_dn = kRowsSaturateDn;
   saturated_dn[1] = 3985;
   remove_row_noise(dn, profile, RowNoise{{1.0, -0.5}, {1, 1}},
                    SaturatedPixels(dn, profile.layout, saturated_dn));
@@ -271,120 +226,6 @@ TEST(RowNoise, RemovalSubtractsTheChannelsOwnShareAndLeavesSaturatedPixels) {
   EXPECT_NEAR(dn(1, 0), 3988.0f, 1e-3);
   EXPECT_NEAR(dn(1, 1), 98.0f, 1e-4);
   EXPECT_NEAR(dn(2, 1), 101.1f, 1e-4);
-}
-
-TEST(RowNoise, DeviationAndGroupFromThePicture) {
-  NoiseProfile profile = profile_with(1.5, 1.5);
-  const Simulated truth = simulate(profile, 600, 600, false);
-  NoiseProfile unknown = profile_with(0.0, 1.5);
-  unknown.row_group = 1;
-  estimate_row_deviation(truth.dn, kSaturatedDn, unknown);
-  EXPECT_EQ(unknown.row_group, 2);
-  EXPECT_NEAR(unknown.channels[0].sigma_row_dn, 1.5, 0.25);
-}
-
-// A page of marks 3 columns wide in lines of 4 to 14 rows: they cover a third of their rows'
-// pixels, the paper between them lies level.
-Image page_of_marks(const NoiseProfile& profile, double light, std::uint32_t seed) {
-  RandomSequence marks(9, seed, Draw::kOther), noise(10, seed, Draw::kPixel);
-  Image dn(512, 384, static_cast<float>(light));
-  const auto rows_up_to = [&](int most) {
-    return 4 + static_cast<int>((most - 3) * marks.uniform());
-  };
-  for (int top = 3, height = 0; top + 14 < dn.rows(); top += height + rows_up_to(9)) {
-    height = rows_up_to(14);
-    for (int left = 0; left + 3 < dn.cols(); left += 3)
-      if (marks.uniform() < 0.35)
-        for (int r = top; r < top + height; ++r)
-          for (int c = left; c < left + 3; ++c) dn(r, c) = static_cast<float>(0.15 * light);
-  }
-  for (float& v : dn.values())
-    v += static_cast<float>(std::sqrt(profile.channels[0].variance(v)) * noise.normal());
-  return dn;
-}
-
-TEST(RowNoise, LinesOfTextAreNoRowNoise) {
-  for (const double light : {40.0, 200.0})
-    for (std::uint32_t seed = 0; seed < 10; ++seed) {
-      NoiseProfile unknown = profile_with(0.0, 0.4);
-      estimate_row_deviation(page_of_marks(unknown, light, seed), kSaturatedDn, unknown);
-      EXPECT_EQ(unknown.channels[0].sigma_row_dn, 0) << light << ", page " << seed;
-    }
-}
-
-// Bars of random heights and levels, equal along each row and weaker than the pixels' noise:
-// nothing but that rows resemble those beside them tells them from a camera's.
-TEST(RowNoise, BarsThatSpanSeveralRowsAreNoRowNoise) {
-  int found = 0;
-  for (std::uint32_t seed = 0; seed < 20; ++seed) {
-    NoiseProfile unknown = profile_with(0.0, 1.5);
-    RandomSequence bars(12, seed, Draw::kOther);
-    Image dn = simulate(unknown, 512, 256, false, seed).dn;
-    double lift = 0;
-    for (int r = 0, next = 0; r < dn.rows(); ++r) {
-      if (r == next) {
-        lift = 7 * bars.normal();
-        next = r + 6 + static_cast<int>(12 * bars.uniform());
-      }
-      for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(lift);
-    }
-    estimate_row_deviation(dn, kSaturatedDn, unknown);
-    found += unknown.channels[0].sigma_row_dn > 0;
-  }
-  EXPECT_LE(found, 3);  // of 20
-}
-
-// Text or bricks: the same lines again and again, no stronger than a camera's.
-TEST(RowNoise, LinesThatRepeatAreNoRowNoise) {
-  NoiseProfile unknown = profile_with(0.0, 1.5);
-  unknown.row_group = 1;
-  for (const int period : {4, 7, 14, 30}) {
-    RandomSequence lines(3, static_cast<std::uint32_t>(period), Draw::kOther);
-    std::vector<double> lift;
-    for (int r = 0; r < period; ++r) lift.push_back(6 * lines.normal());
-    Image dn = simulate(unknown, 400, 400, false).dn;
-    for (int r = 0; r < dn.rows(); ++r)
-      for (int c = 0; c < dn.cols(); ++c)
-        dn(r, c) += static_cast<float>(lift[static_cast<std::size_t>(r % period)]);
-    estimate_row_deviation(dn, kSaturatedDn, unknown);
-    EXPECT_EQ(unknown.channels[0].sigma_row_dn, 0) << period;
-  }
-}
-
-// Offsets that follow each other slowly are a camera's all the same (a hundred draws; level 1 %).
-TEST(RowNoise, SlowOffsetsAreNotTakenForLinesThatRepeat) {
-  int found = 0;
-  for (std::uint32_t seed = 0; seed < 100; ++seed) {
-    NoiseProfile unknown = profile_with(0.0, 1.5);
-    unknown.row_group = 1;
-    RandomSequence rows(7, seed, Draw::kOther);
-    Image dn = simulate(unknown, 160, 96, false, seed).dn;
-    double slow = 0;
-    for (int r = 0; r < dn.rows(); ++r) {
-      slow = 0.9 * slow + 1.5 * rows.normal();
-      for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(slow + 4 * rows.normal());
-    }
-    estimate_row_deviation(dn, kSaturatedDn, unknown);
-    found += unknown.channels[0].sigma_row_dn > 0;
-  }
-  EXPECT_GE(found, 99);
-}
-
-// Its rows agree with those nine further down, but more with those between.
-TEST(RowNoise, ABrightBandAcrossHidesNoRowNoise) {
-  for (std::uint32_t seed = 0; seed < 10; ++seed) {
-    NoiseProfile unknown = profile_with(0.0, 1.5);
-    unknown.row_group = 1;
-    RandomSequence rows(8, seed, Draw::kOther);
-    Image dn = simulate(unknown, 400, 400, false, seed).dn;
-    for (int r = 0; r < dn.rows(); ++r) {
-      const double lift = 1600 * std::exp(-0.5 * std::pow((r - 200) / 20.0, 2)) + 4 * rows.normal();
-      for (int c = 0; c < dn.cols(); ++c) dn(r, c) += static_cast<float>(lift);
-    }
-    estimate_row_deviation(dn, kSaturatedDn, unknown);
-    EXPECT_GT(unknown.channels[0].sigma_row_dn, 3) << seed;  // of 4; the band's slopes add some
-    EXPECT_LT(unknown.channels[0].sigma_row_dn, 7) << seed;
-  }
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <optional>
 
 namespace malus {
@@ -19,8 +20,10 @@ constexpr double kEvidenceUnit = 0.25;
 // Deviations at which a pixel has no influence on where most of its row lies: in doubt it is
 // text's.
 constexpr double kDoubtfulReach = 3.5;
-// Rows 2k and 2k+1 differ by so much less than 2k+1 and 2k+2 when they share their draws.
-constexpr double kPairedRows = 0.8;
+// Rows 2k and 2k+1 that share their draws differ by so much less than 2k+1 and 2k+2, squared; and
+// by more than this many errors of what chance makes of few rows, for the half of every offset
+// stays where two draws are taken for one.
+constexpr double kPairedRows = 0.64, kErrorsOfPairs = 3.0;
 
 // Offsets that repeat after this many rows or more agree by kRepeats over the root of their number:
 // five deviations of what chance gives, for neighbouring comparisons share rows (Bartlett, 1946).
@@ -34,8 +37,14 @@ struct DifferencesOfRows {
   std::vector<double> value, explained, texture, within, across;
 };
 
+// How many cells apart rows of one channel share no draw where `rows` of them may do so.
+int cells_apart(const NoiseProfile& profile, int rows) {
+  const int period = profile.layout.rows();
+  return (rows + period - 1) / period;
+}
+
 DifferencesOfRows differences_of_rows(View<const float> dn, const NoiseProfile& profile,
-                                      const std::vector<float>& saturated_dn, int periods = 1) {
+                                      const std::vector<float>& saturated_dn, int periods) {
   std::vector<std::optional<RowEvidence>> rows(static_cast<std::size_t>(dn.rows()));
   parallel_for(0, dn.rows(), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (std::ptrdiff_t r = begin; r < end; ++r)
@@ -66,11 +75,12 @@ ShownRowVariance variance_beyond(const std::vector<double>& values,
 
 std::vector<double> most_of_rows(View<const float> dn, const NoiseProfile& profile,
                                  const std::vector<float>& saturated_dn,
-                                 const DifferencesOfRows& rows) {
+                                 const DifferencesOfRows& rows, int periods) {
   std::vector<double> most(rows.row.size());
   parallel_for(0, std::ssize(most), 16, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
     for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i)
-      most[i] = evidence_of_most(dn, profile, saturated_dn, rows.row[i], 1, kDoubtfulReach)->value;
+      most[i] =
+          evidence_of_most(dn, profile, saturated_dn, rows.row[i], periods, kDoubtfulReach)->value;
   });
   return most;
 }
@@ -98,15 +108,31 @@ double pixel_deviation(View<const float> dn, const NoiseProfile& profile) {
   return sum / static_cast<double>(profile.channels.size());
 }
 
+// Values far out count as at the bound.
+std::vector<double> held(std::vector<double> values) {
+  const double bound = 3 * robust_deviation_of(values);
+  for (double& v : values) v = std::clamp(v, -bound, bound);
+  return values;
+}
+
+double energy_of(const std::vector<double>& values) {
+  return std::inner_product(values.begin(), values.end(), values.begin(), 0.0);
+}
+
+bool come_in_pairs(const DifferencesOfRows& rows) {
+  const auto within = static_cast<double>(rows.within.size()),
+             across = static_cast<double>(rows.across.size());
+  const double ratio =
+      energy_of(held(rows.within)) / within / energy_of(held(rows.across)) * across;
+  const double error = std::sqrt(2 / within + 2 / across);  // of the ratio's logarithm
+  return ratio < std::min(kPairedRows, std::exp(-kErrorsOfPairs * error));
+}
+
 // Text, bricks, steps: a picture's lines come again at the same distance, a camera's offsets do
 // not. Slow ones agree with their neighbours more than with those further away.
-bool repeat(std::vector<double> values) {
-  const double bound = 3 * robust_deviation_of(values);
-  double energy = 0;
-  for (double& v : values) {
-    v = std::clamp(v, -bound, bound);
-    energy += v * v;
-  }
+bool repeat(const std::vector<double>& all) {
+  const std::vector<double> values = held(all);
+  const double energy = energy_of(values);
   const std::size_t n = values.size();
   const auto agreement = [&](std::size_t lag) {
     double sum = 0;
@@ -131,8 +157,8 @@ bool come_in_runs(View<const float> dn, const NoiseProfile& profile,
   constexpr int kCompared = 4;
   constexpr std::size_t kLag = 2, kPart = 32;
   constexpr double kAlike = 0.15, kErrors = 3.0;
-  const DifferencesOfRows rows = differences_of_rows(
-      dn, profile, saturated_dn, std::max(kCompared / profile.layout.rows(), 1));
+  const DifferencesOfRows rows =
+      differences_of_rows(dn, profile, saturated_dn, cells_apart(profile, kCompared));
   const double variance = std::pow(robust_deviation_of(rows.value), 2);
   std::vector<double> shared;
   for (std::size_t first = 0; first + kPart + kLag <= rows.value.size(); first += kPart) {
@@ -152,7 +178,8 @@ bool come_in_runs(View<const float> dn, const NoiseProfile& profile,
 std::optional<ShownRowVariance> shown_row_variance(View<const float> dn,
                                                    const NoiseProfile& profile,
                                                    const std::vector<float>& saturated_dn) {
-  const DifferencesOfRows rows = differences_of_rows(dn, profile, saturated_dn);
+  const DifferencesOfRows rows =
+      differences_of_rows(dn, profile, saturated_dn, cells_apart(profile, profile.row_group));
   if (rows.value.size() < kLeastRows) return std::nullopt;
   return variance_beyond(rows.value, rows.explained);
 }
@@ -164,17 +191,17 @@ void estimate_row_deviation(View<const float> dn, const std::vector<float>& satu
   const double pixel = pixel_deviation(dn, profile), unit_dn = kEvidenceUnit * pixel;
   for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = unit_dn;
   profile.row_group = 1;
-  const DifferencesOfRows rows = differences_of_rows(dn, profile, saturated_dn);
+  const int periods = cells_apart(profile, 2);  // two rows may share their draw
+  const DifferencesOfRows rows = differences_of_rows(dn, profile, saturated_dn, periods);
   double sigma = 0;
   if (rows.value.size() >= kLeastRows) {
     const ShownRowVariance shown =
-        common_variance(rows, most_of_rows(dn, profile, saturated_dn, rows));
+        common_variance(rows, most_of_rows(dn, profile, saturated_dn, rows, periods));
     if (shown.value > 3 * shown.error) sigma = unit_dn * std::sqrt(shown.value);
     if (sigma > kMostRowDeviation * pixel ||
         (sigma > 0 && (repeat(rows.value) || come_in_runs(dn, profile, saturated_dn))))
       sigma = 0;
-    if (robust_deviation_of(rows.within) < kPairedRows * robust_deviation_of(rows.across))
-      profile.row_group = 2;
+    if (come_in_pairs(rows)) profile.row_group = 2;
   }
   for (ChannelProfile& channel : profile.channels) channel.sigma_row_dn = sigma;
 }
