@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
 """Random cameras, lights and scenes: by how much the default is better than other methods, and where it is not.
 
-    PYTHONPATH=build/release/python /usr/bin/python3 bench/random_cameras.py [--cases N] [--first N] [--layouts LAYOUT...] [--methods METHOD[/PROFILE]...] [--pictures PICTURE...] [--each] [--errors]
+    PYTHONPATH=build/release/python /usr/bin/python3 bench/random_cameras.py [--cases N] [--first N] [--layouts LAYOUT...] [--methods METHOD[/PROFILE]...] [--scenes SCENE...] [--pictures PICTURE...] [--each] [--errors [--without-model]]
 
 Every case draws a sensor layout, bits, gain, read and row noise of a NumPy camera (Poisson, rows, rounding, clipping), calibrates it from frames of its own, draws a light between a few electrons and full well, a
 lens, a scene of 256 pixels with its polarization (the scenes of like_pixels.py and, of --pictures, sRGB made linear) and denoises one frame. The table holds the mean of the default's lead, its least and
 greatest, and in how many cases the default has the higher image PSNR; --each prints the cases, which their number draws again. With --errors, what the default states of its error instead: the squared error over it
-(geometric mean, least and greatest), how often two stated deviations hold the truth [%], and the cases in which they do in less than 85 %.
+(geometric mean, least and greatest), how often two stated deviations hold the truth [%], the mean image PSNR [dB], and the cases in which they do in less than 85 %; --without-model: the noise is that of the
+picture itself.
 """
 import argparse
 import warnings
@@ -84,30 +85,37 @@ def behind_lens(scene, blur):
 class Case:
     """What number, layouts and pictures draw."""
 
-    def __init__(self, number, layouts, pictures):
+    def __init__(self, number, layouts, pictures, scenes):
         random = np.random.default_rng(number)
         self.camera = Camera(random, str(random.choice(layouts)))
         few = 6 + 2 * self.camera.read_e
         self.light_e = log_uniform(random, min(few, self.camera.well_e / 2), self.camera.well_e)
         blur = random.choice([0, 0, .5, .8, 1.2])
         self.of_picture = bool(pictures) and random.random() < .6
-        self.name = str(random.choice(pictures if self.of_picture else DRAWN))
+        self.name = str(random.choice(pictures if self.of_picture else scenes))
         scene = piece_of(self.name, random) if self.of_picture else like_pixels.scene_of(self.name, random)
         self.electrons = self.light_e * (behind_lens(scene, blur) if blur else scene).seen_by(self.camera.layout)
         self.noise = np.random.default_rng([number, 1])
 
-    def calibrated_frame(self):
+    def frame(self):
         camera = self.camera
-        model = camera.calibrated(self.noise)
-        return model, malus.Frame(camera.exposed(self.electrons, self.noise), camera.layout, black=camera.black, white=camera.white, gain_db=0)
+        return malus.Frame(camera.exposed(self.electrons, self.noise), camera.layout, black=camera.black, white=camera.white, gain_db=0)
 
-    def honesty(self):
-        """Squared error over what is stated of it, and how often two stated deviations hold the truth, of pixels below white."""
-        model, frame = self.calibrated_frame()
-        result = malus.denoise(frame, model=model, gain=0, variance=True)
-        square, stated = (result["dn"] - self.camera.gain_dn_per_e * self.electrons)**2, result["variance"]
+    def calibrated_frame(self):
+        model = self.camera.calibrated(self.noise)
+        return model, self.frame()
+
+    def honesty(self, with_model):
+        """Squared error over what is stated of it, how often two stated deviations hold the truth, of pixels below white; and image PSNR."""
+        if with_model:
+            model, frame = self.calibrated_frame()
+            result = malus.denoise(frame, model=model, gain=0, variance=True)
+        else:
+            result = malus.denoise(self.frame(), variance=True)
+        gain = self.camera.gain_dn_per_e
+        square, stated = (result["dn"] - gain * self.electrons)**2, result["variance"]
         known = np.isfinite(stated)
-        return np.mean(square[known]) / np.mean(stated[known]), np.mean(square[known] < 4 * stated[known])
+        return np.mean(square[known]) / np.mean(stated[known]), np.mean(square[known] < 4 * stated[known]), 10 * np.log10((gain * self.light_e)**2 / np.mean(square[known]))
 
     def scores(self, methods):
         """Image PSNR, and of polarization DoLP PSNR [dB] and AoLP error [deg], of every method."""
@@ -140,15 +148,16 @@ def table(leads, methods):
     return "\n".join(lines)
 
 
-def print_errors(cases, each):
-    ratios, shares = [], []
+def print_errors(cases, each, with_model):
+    ratios, shares, decibels = [], [], []
     for number, case in cases:
-        ratio, share = case.honesty()
+        ratio, share, psnr = case.honesty(with_model)
         ratios.append(ratio)
         shares.append(share)
+        decibels.append(psnr)
         if each or share < .85:
-            print(f"{number} {case}: {ratio:.2f}, {100 * share:.0f} %", flush=True)
-    print(f"{len(ratios)} cases: {np.exp(np.mean(np.log(ratios))):.2f} ({min(ratios):.2f} to {max(ratios):.2f}), {100 * np.mean(shares):.1f} %")
+            print(f"{number} {case}: {ratio:.2f}, {100 * share:.0f} %, {psnr:.2f} dB", flush=True)
+    print(f"{len(ratios)} cases: {np.exp(np.mean(np.log(ratios))):.2f} ({min(ratios):.2f} to {max(ratios):.2f}), {100 * np.mean(shares):.1f} %, {np.mean(decibels):.2f} dB")
 
 
 def print_leads(cases, methods, each):
@@ -170,15 +179,17 @@ def main():
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--layouts", nargs="+", default=LAYOUTS)
     parser.add_argument("--methods", nargs="+", default=["plane-bm3d", "bm3d"])
+    parser.add_argument("--scenes", nargs="+", default=DRAWN, choices=DRAWN)
     parser.add_argument("--pictures", nargs="+", default=[])
     parser.add_argument("--each", action="store_true")
     parser.add_argument("--errors", action="store_true")
+    parser.add_argument("--without-model", action="store_true")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     numbers = range(options.first, options.first + options.cases)
-    cases = ((number, Case(number, options.layouts, options.pictures)) for number in numbers)
+    cases = ((number, Case(number, options.layouts, options.pictures, options.scenes)) for number in numbers)
     if options.errors:
-        print_errors(cases, options.each)
+        print_errors(cases, options.each, not options.without_model)
     else:
         print_leads(cases, options.methods, options.each)
 

@@ -6,6 +6,7 @@
 #include "malus/base/wording.h"
 #include "malus/denoise/cut_off.h"
 #include "malus/denoise/internal/noiseless_areas.h"
+#include "malus/denoise/internal/second_look.h"
 #include "malus/denoise/internal/texture_removal.h"
 #include "malus/denoise/internal/variance_lines.h"
 #include "malus/denoise/prepared_frame.h"
@@ -142,18 +143,20 @@ double mean_signal(const std::vector<Block>& blocks) {
   return sum / static_cast<double>(std::max<std::size_t>(blocks.size(), 1));
 }
 
-// left_out: share of the variance that was texture, 0 where it is little.
-std::string trust_statement(const PictureNoise& noise, double deviation_dn, double left_out) {
+std::string trust_statement(const PictureNoise& noise) {
   std::string text = fmt::format(
       "noise estimated from the picture itself: deviation {:.2f} DN at its mean signal, ±{:.0f} % "
       "by sampling{}, from {:.0f} % of the picture and {} levels of brightness",
-      deviation_dn, std::max(100 * noise.relative_error, 1.0), left_out > 0 ? " and texture" : "",
-      100 * noise.smooth_share, noise.levels);
-  if (left_out > 0)
+      noise.deviation_dn, std::max(100 * noise.relative_error, 1.0),
+      noise.left_out > 0 ? " and texture" : "", 100 * noise.smooth_share, noise.levels);
+  if (noise.left_out > 0)
     text += fmt::format(
         "; {:.0f} % of what looked like noise can be told from neighbouring pixels: it is texture "
         "and was left out; finer texture was not, so the result may be blurred and too bright",
-        100 * left_out);
+        100 * noise.left_out);
+  if (noise.result_share < 1)
+    text += fmt::format("; a first result left {:.0f} % of the variance found, so it was lowered",
+                        100 * noise.result_share);
   return text;
 }
 
@@ -261,23 +264,20 @@ double deviation_dn_of(const PlanesNoise& measured) {
   return sum / static_cast<double>(curves.size());
 }
 
-// The channels' variances, and the error of the deviation at their mean signals; returns that
-// deviation in DN.
-double fill_channels(const PlanesNoise& measured, PictureNoise& noise) {
+// The channels' variances, the deviation at their mean signals and its error.
+void fill_channels(const PlanesNoise& measured, PictureNoise& noise) {
   const VarianceLines& channels = measured.channels;
-  double deviation_dn = 0;
   const std::vector<VarianceCurve> curves = channels.curves(1.0);
   const double share = 1.0 / static_cast<double>(channels.lines.size());
   for (std::size_t k = 0; k < channels.lines.size(); ++k) {
     ChannelProfile channel;
     channel.variance = curves[k];
     const double variance = channel.variance(measured.mean_dn[k]);
-    deviation_dn += share * std::sqrt(variance);
+    noise.deviation_dn += share * std::sqrt(variance);
     noise.relative_error +=
         variance > 0 ? share * 0.5 / (std::sqrt(channels.weights[k]) * variance) : 0;
     noise.profile.channels.push_back(channel);
   }
-  return deviation_dn;
 }
 
 // Of a frame whose pixels hold light, or are NaN.
@@ -303,14 +303,27 @@ Estimate<PictureNoise> noise_of_light(const RawFrame& frame, TextureSearch searc
       dn, frame.layout, measured.saturated_dn, search == TextureSearch::kWhole, measured.channels);
   noise.levels = measured.levels / frame.layout.channels();
   noise.smooth_share = measured.smooth_share;
-  const double deviation_dn = fill_channels(measured, noise);
+  fill_channels(measured, noise);
   estimate_row_deviation(dn, measured.saturated_dn, noise.profile);
   // Through levels of nearly one brightness lines are unsteady everywhere else, and texture_share
   // with them.
-  double left_out = 1 - std::pow(deviation_dn / seeming_dn, 2);
-  if (!(std::min(left_out, noise.texture_share) > kMuchTexture)) left_out = 0;
-  noise.relative_error = std::hypot(noise.relative_error, kErrorOfTexture * left_out);
-  noise.trust = trust_statement(noise, deviation_dn, left_out);
+  noise.left_out = 1 - std::pow(noise.deviation_dn / seeming_dn, 2);
+  if (!(std::min(noise.left_out, noise.texture_share) > kMuchTexture)) noise.left_out = 0;
+  noise.relative_error = std::hypot(noise.relative_error, kErrorOfTexture * noise.left_out);
+  noise.trust = trust_statement(noise);
+  return noise;
+}
+
+// Where texture was told from noise some of it may have stayed.
+PictureNoise looked_at_again(const RawFrame& frame, PictureNoise noise) {
+  if (!(noise.left_out > 0)) return noise;
+  const std::optional<double> share = internal::share_that_result_shows(frame, noise.profile);
+  if (!share) return noise;
+  for (ChannelProfile& channel : noise.profile.channels)
+    channel.variance = channel.variance.scaled(*share);
+  noise.deviation_dn *= std::sqrt(*share);
+  noise.result_share = *share;
+  noise.trust = trust_statement(noise);
   return noise;
 }
 
@@ -350,7 +363,7 @@ PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy) {
   if (!noise)
     throw InputError(frame.source.empty() ? "the picture" : frame.source,
                      "its noise cannot be estimated: " + noise.reason(), std::string(remedy));
-  return *noise;
+  return looked_at_again(frame, *noise);
 }
 
 }  // namespace malus

@@ -40,6 +40,10 @@ struct PictureNoise {
   /// Of what looked like noise over all levels of brightness, left out of it (noise_floor.h). Of a
   /// small picture of one brightness it may be chance: trust tells what is left out at the mean.
   double texture_share = 0;
+  double left_out = 0;      ///< the same of the variance at the mean signals; 0 where it is little
+  double deviation_dn = 0;  ///< of the noise at the mean signals, mean over the channels
+  /// What variances were multiplied by because a result with more noise contradicted them.
+  double result_share = 1;
   std::string trust;  ///< one sentence with the numbers
 };
 
@@ -56,8 +60,10 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame,
 /// Throws InputError as it does.
 bool is_without_noise(const RawFrame& frame);
 
-/// estimate_profile for callers that cannot go on without it: throws InputError where it is
-/// undecided, with the reason, and on a frame without pixels; remedy: what the caller's user can
+/// estimate_profile for callers that cannot go on without it, with a second look where texture was
+/// left out: the middle of the frame is denoised (512x512 pixels at most), and noise that its
+/// result contradicts is lowered. Throws InputError where nothing is decided, with the reason, on a
+/// frame without pixels and on a white that check_frame refuses; remedy: what the caller's user can
 /// do.
 PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy);
 

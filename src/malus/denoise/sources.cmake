@@ -48,6 +48,7 @@ set(denoise_SOURCES
     row_posterior.cpp
     row_stripes.cpp
     saturated_pixels.cpp
+    second_look.cpp
     stack_kernel.cpp
     stack_stage.cpp
     stated_error.cpp

@@ -1,0 +1,128 @@
+// What the result of a picture says of noise that was estimated from it. Truth: the noise that the
+// pictures are drawn with, fixed seeds.
+#include "malus/denoise/internal/second_look.h"
+
+#include "malus/base/random.h"
+#include "malus/denoise/estimate_noise.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "denoise/drawn_frame.h"
+#include <gtest/gtest.h>
+
+namespace malus {
+namespace {
+
+using internal::share_that_result_shows;
+
+constexpr double kGain = 1.2;  // DN/e-
+constexpr float kPaper = 3000;
+
+PhysicsNoise looked_at_noise(const char* layout) {
+  return equal_channels(layout, {kGain, kNormalLambda, 0, 0, 0});
+}
+
+// Lines of marks of two pixels on paper whose light falls off to a third.
+Image shaded_page(int side) {
+  RandomSequence random(4, 0, Draw::kScene);
+  Image light(side, side, 1.0f);
+  const auto draw = [&](int row, int col, int rows, int cols) {
+    for (int r = row; r < std::min(row + rows, side); ++r)
+      for (int c = col; c < std::min(col + cols, side); ++c) light(r, c) = 0.12f;
+  };
+  for (int row = 3; row < side; row += 14)
+    for (int col = 3; col < side; col += 8)
+      for (int mark = 0; mark < 3; ++mark) {
+        const int down = static_cast<int>(8 * random.uniform()),
+                  right = static_cast<int>(5 * random.uniform());
+        if (random.uniform() < 0.5)
+          draw(row + down, col, 2, 6);
+        else
+          draw(row, col + right, 10, 2);
+      }
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c)
+      light(r, c) *=
+          kPaper * (0.3f + 0.7f * static_cast<float>(r + c) / static_cast<float>(2 * side));
+  return light;
+}
+
+Image soft_waves(int side) {
+  Image light(side, side);
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c)
+      light(r, c) = kPaper * static_cast<float>(0.5 + 0.3 * std::sin(c / 9.0) * std::cos(r / 11.0));
+  return light;
+}
+
+Image board_of_light(int side) {
+  Image light(side, side);
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c)
+      light(r, c) = (r / 8 + c / 8) % 2 ? 0.2f * kPaper : 0.8f * kPaper;
+  return light;
+}
+
+// The camera's own, and as much more.
+NoiseProfile told_noise(const PhysicsNoise& camera, double factor) {
+  NoiseProfile profile;
+  profile.layout = camera.layout;
+  profile.estimated_from_picture = true;
+  for (std::size_t k = 0; k < camera.channels.size(); ++k)
+    profile.channels.push_back(
+        {.variance = VarianceCurve::affine(factor * kGain, 0), .gain_dn_per_e = kGain});
+  return profile;
+}
+
+class SecondLook : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(SecondLook, TheRightNoiseIsNotContradicted) {
+  const PhysicsNoise camera = looked_at_noise(GetParam());
+  for (const Image& scene : {shaded_page(256), soft_waves(256), board_of_light(256)}) {
+    const auto share =
+        share_that_result_shows(drawn_frame(scene, camera, {200}, 5), told_noise(camera, 1));
+    EXPECT_FALSE(share) << *share;
+  }
+}
+
+// What repeats is averaged, and no noise is kept; of a page a part is.
+TEST_P(SecondLook, TooMuchNoiseIsLoweredAndNotBelowTheRightOne) {
+  const PhysicsNoise camera = looked_at_noise(GetParam());
+  for (const double factor : {1.5, 2.0}) {
+    const auto lowered = [&](const Image& scene) {
+      return factor * share_that_result_shows(drawn_frame(scene, camera, {200}, 5),
+                                              told_noise(camera, factor))
+                          .value_or(1);
+    };
+    EXPECT_NEAR(lowered(board_of_light(256)), 1.1, 0.12) << factor;
+    const double of_page = lowered(shaded_page(256));
+    EXPECT_GT(of_page, 0.95);
+    EXPECT_LT(of_page, 0.8 * factor);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Layouts, SecondLook,
+                         ::testing::Values("mono", "bayer-rggb", "polar-mono", "polar-bayer-rggb"));
+
+// Texture between marks was counted as noise.
+TEST(SecondLook, LowersWhatAPageShows) {
+  const PhysicsNoise camera = looked_at_noise("bayer-rggb");
+  RawFrame page = drawn_frame(shaded_page(320), camera, {200}, 6);
+  page.black_known = true;
+  const Estimate<PictureNoise> first = estimate_profile(page);
+  ASSERT_TRUE(first);
+  const PictureNoise second = require_estimate(page, "");
+  const double right = kGain * 1000, before = first->profile.channels[1].variance(1000),
+               after = second.profile.channels[1].variance(1000);
+  EXPECT_GT(before / right, 1.4);
+  EXPECT_NEAR(after / right, 1.1, 0.1);
+  EXPECT_EQ(first->result_share, 1);
+  EXPECT_NEAR(second.result_share, after / before, 1e-9);
+  EXPECT_NEAR(second.deviation_dn, first->deviation_dn * std::sqrt(after / before), 1e-6);
+  EXPECT_NE(second.trust.find("a first result left"), std::string::npos) << second.trust;
+}
+
+}  // namespace
+}  // namespace malus
