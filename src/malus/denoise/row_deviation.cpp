@@ -24,6 +24,9 @@ constexpr double kDoubtfulReach = 3.5;
 // by more than this many errors of what chance makes of few rows, for the half of every offset
 // stays where two draws are taken for one.
 constexpr double kPairedRows = 0.64, kErrorsOfPairs = 3.0;
+// A difference is compared with those beside it, so they are correlated by -2/3 and those after the
+// next by 1/6: the variance of their mean square grows by 1 + 2 (4/9 + 1/36) (Bartlett, 1946).
+constexpr double kOfNeighbours = 1.94;
 
 // Offsets that repeat after this many rows or more agree by kRepeats over the root of their number:
 // five deviations of what chance gives, for neighbouring comparisons share rows (Bartlett, 1946).
@@ -124,7 +127,8 @@ bool come_in_pairs(const DifferencesOfRows& rows) {
              across = static_cast<double>(rows.across.size());
   const double ratio =
       energy_of(held(rows.within)) / within / energy_of(held(rows.across)) * across;
-  const double error = std::sqrt(2 / within + 2 / across);  // of the ratio's logarithm
+  // Of the ratio's logarithm.
+  const double error = std::sqrt(2 * kOfNeighbours * (1 / within + 1 / across));
   return ratio < std::min(kPairedRows, std::exp(-kErrorsOfPairs * error));
 }
 
