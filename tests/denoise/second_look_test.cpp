@@ -124,5 +124,23 @@ TEST(SecondLook, LowersWhatAPageShows) {
   EXPECT_NE(second.trust.find("a first result left"), std::string::npos) << second.trust;
 }
 
+// Noise of less than a code is not what residuals tell; that of rounding stays whatever they do.
+TEST(SecondLook, LeavesTheNoiseOfFewCodes) {
+  for (const float paper : {12.0f, 120.0f}) {
+    Image light = shaded_page(320);
+    for (float& v : light.values()) v *= paper / kPaper;
+    RawFrame page =
+        drawn_frame(light, equal_channels("bayer-rggb", {0.02, kNormalLambda, 0, 0, 0}), {4}, 7);
+    for (float& v : page.dn.values()) v = std::round(v);
+    page.black_known = true;
+    page.bits = 8;
+    const PictureNoise noise = require_estimate(page, "");
+    const bool lowered = noise.result_share < 1;
+    EXPECT_EQ(lowered, paper == 120) << noise.trust;
+    for (const ChannelProfile& channel : noise.profile.channels)
+      EXPECT_GE(channel.variance(0), 1 / 12.0);
+  }
+}
+
 }  // namespace
 }  // namespace malus

@@ -314,9 +314,10 @@ Estimate<PictureNoise> noise_of_light(const RawFrame& frame, TextureSearch searc
   return noise;
 }
 
-// Where texture was told from noise some of it may have stayed.
+// Where texture was told from noise some of it may have stayed. Residuals do not tell of noise that
+// is less than a code.
 PictureNoise looked_at_again(const RawFrame& frame, PictureNoise noise) {
-  if (!(noise.left_out > 0)) return noise;
+  if (!(noise.left_out > 0) || noise.deviation_dn < noise.profile.step_dn) return noise;
   const std::optional<double> share = internal::share_that_result_shows(frame, noise.profile);
   if (!share) return noise;
   for (ChannelProfile& channel : noise.profile.channels)
