@@ -106,6 +106,31 @@ TEST_P(SecondLook, TooMuchNoiseIsLoweredAndNotBelowTheRightOne) {
 INSTANTIATE_TEST_SUITE_P(Layouts, SecondLook,
                          ::testing::Values("mono", "bayer-rggb", "polar-mono", "polar-bayer-rggb"));
 
+// Its dark half shows half of what is told, its bright one four fifths.
+TEST(SecondLook, ALawOfAnotherShapeIsLeft) {
+  const PhysicsNoise camera = looked_at_noise("bayer-rggb");
+  Image scene = board_of_light(256);
+  for (int r = 0; r < scene.rows(); ++r)
+    for (int c = 0; c < 128; ++c) scene(r, c) *= 0.3f;
+  NoiseProfile told = told_noise(camera, 1);
+  for (ChannelProfile& channel : told.channels)
+    channel.variance = VarianceCurve::affine(0.93 * kGain, 400);
+  const auto share = share_that_result_shows(drawn_frame(scene, camera, {200}, 5), told);
+  EXPECT_FALSE(share) << *share;
+}
+
+TEST(SecondLook, MaskedPixelsTellNothing) {
+  const PhysicsNoise camera = looked_at_noise("bayer-rggb");
+  RawFrame page = drawn_frame(shaded_page(320), camera, {200}, 5);
+  const NoiseProfile told = told_noise(camera, 1.6);
+  const auto whole = share_that_result_shows(page, told);
+  ASSERT_TRUE(whole);
+  for (int r = 0; r < page.dn.rows(); ++r) std::fill_n(page.dn.row(r), 120, 1000.0f);
+  const auto part = share_that_result_shows(page, told);
+  ASSERT_TRUE(part);
+  EXPECT_NEAR(*part, *whole, 0.05);
+}
+
 // Texture between marks was counted as noise.
 TEST(SecondLook, LowersWhatAPageShows) {
   const PhysicsNoise camera = looked_at_noise("bayer-rggb");

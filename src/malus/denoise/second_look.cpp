@@ -31,10 +31,7 @@ constexpr double kEvenShares = 1.35, kEvenLevels = 1.25;
 // noise that was kept; nothing of pixels that do not tell.
 std::optional<double> residual_share(const PreparedFrame& frame, const NoiseProfile& profile,
                                      const Denoised& result, int r, int c) {
-  const auto pixel = static_cast<std::size_t>(r) * static_cast<std::size_t>(frame.dn.cols()) +
-                     static_cast<std::size_t>(c);
-  if (frame.saturated(r, c) || (!frame.is_noiseless.empty() && frame.is_noiseless[pixel]))
-    return std::nullopt;
+  if (frame.saturated(r, c)) return std::nullopt;
   const auto channel = static_cast<std::size_t>(frame.layout.channel_at(r, c));
   const double dn = result.dn_above_black(r, c), rest = frame.dn(r, c) - dn,
                told = profile.channels[channel].variance(dn), stated = (*result.variance_dn2)(r, c);
