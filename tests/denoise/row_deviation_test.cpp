@@ -1,7 +1,9 @@
+#include "malus/denoise/row_noise.h"
+
 #include <cmath>
 #include <vector>
 
-#include "simulated_rows.h"
+#include "denoise/simulated_rows.h"
 #include <gtest/gtest.h>
 
 namespace malus {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-#include "simulated_rows.h"
+#include "denoise/simulated_rows.h"
 #include <gtest/gtest.h>
 
 namespace malus {

@@ -3,6 +3,7 @@
 #include "malus/base/statistics.h"
 #include "malus/denoise/internal/row_evidence.h"
 #include "malus/denoise/row_noise.h"
+#include "malus/image/pack.h"
 
 #include <algorithm>
 #include <cmath>
@@ -42,8 +43,7 @@ struct DifferencesOfRows {
 
 // How many cells apart rows of one channel share no draw where `rows` of them may do so.
 int cells_apart(const NoiseProfile& profile, int rows) {
-  const int period = profile.layout.rows();
-  return (rows + period - 1) / period;
+  return packed_size(rows, profile.layout.rows());
 }
 
 DifferencesOfRows differences_of_rows(View<const float> dn, const NoiseProfile& profile,
@@ -118,7 +118,7 @@ std::vector<double> held(std::vector<double> values) {
   return values;
 }
 
-double energy_of(const std::vector<double>& values) {
+double sum_of_squares(const std::vector<double>& values) {
   return std::inner_product(values.begin(), values.end(), values.begin(), 0.0);
 }
 
@@ -126,7 +126,7 @@ bool come_in_pairs(const DifferencesOfRows& rows) {
   const auto within = static_cast<double>(rows.within.size()),
              across = static_cast<double>(rows.across.size());
   const double ratio =
-      energy_of(held(rows.within)) / within / energy_of(held(rows.across)) * across;
+      sum_of_squares(held(rows.within)) / within / sum_of_squares(held(rows.across)) * across;
   // Of the ratio's logarithm.
   const double error = std::sqrt(2 * kOfNeighbours * (1 / within + 1 / across));
   return ratio < std::min(kPairedRows, std::exp(-kErrorsOfPairs * error));
@@ -136,7 +136,7 @@ bool come_in_pairs(const DifferencesOfRows& rows) {
 // not. Slow ones agree with their neighbours more than with those further away.
 bool repeat(const std::vector<double>& all) {
   const std::vector<double> values = held(all);
-  const double energy = energy_of(values);
+  const double energy = sum_of_squares(values);
   const std::size_t n = values.size();
   const auto agreement = [&](std::size_t lag) {
     double sum = 0;
