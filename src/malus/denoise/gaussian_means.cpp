@@ -2,30 +2,52 @@
 
 #include "malus/base/parallel.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <vector>
 
 namespace malus::internal {
 namespace {
 
-// Along columns (down) or rows. taps: from -radius to radius.
-Image means_along(const Image& from, const std::vector<float>& taps, bool down) {
+// Of a line: to[c] += tap * from[c + shift], as far as there is one; what the taps add up to there.
+void add_shifted(const float* from, int size, int shift, float tap, float* to, float* weights) {
+  const int begin = std::max(-shift, 0), end = std::min(size - shift, size);
+  for (int c = begin; c < end; ++c) to[c] += tap * from[c + shift];
+  for (int c = begin; c < end; ++c) weights[c] += tap;
+}
+
+// taps: from -radius to radius. One tap after the other, for pixels beside each other are added at
+// once; where taps lie outside the others count.
+Image means_along_rows(const Image& from, const std::vector<float>& taps) {
+  const int radius = static_cast<int>(taps.size()) / 2, size = from.cols();
+  Image to(from.rows(), size);
+  parallel_for(0, from.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
+    std::vector<float> weights(static_cast<std::size_t>(size));
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
+      std::fill(weights.begin(), weights.end(), 0.0f);
+      for (int t = -radius; t <= radius; ++t)
+        add_shifted(from.row(r), size, t, taps[static_cast<std::size_t>(t + radius)], to.row(r),
+                    weights.data());
+      for (int c = 0; c < size; ++c) to(r, c) /= weights[static_cast<std::size_t>(c)];
+    }
+  });
+  return to;
+}
+
+Image means_along_columns(const Image& from, const std::vector<float>& taps) {
   const int radius = static_cast<int>(taps.size()) / 2;
   Image to(from.rows(), from.cols());
-  const int size = down ? from.rows() : from.cols();
   parallel_for(0, from.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r)
-      for (int c = 0; c < from.cols(); ++c) {
-        float sum = 0, weight = 0;
-        for (int t = -radius; t <= radius; ++t) {
-          const int at = (down ? r : c) + t;
-          if (at < 0 || at >= size) continue;
-          const float tap = taps[static_cast<std::size_t>(t + radius)];
-          sum += tap * (down ? from(at, c) : from(r, at));
-          weight += tap;
-        }
-        to(r, c) = sum / weight;
+    for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
+      float weight = 0, *sums = to.row(r);
+      for (int t = std::max(-radius, -r); t <= std::min(radius, from.rows() - 1 - r); ++t) {
+        const float tap = taps[static_cast<std::size_t>(t + radius)], *values = from.row(r + t);
+        weight += tap;
+        for (int c = 0; c < from.cols(); ++c) sums[c] += tap * values[c];
       }
+      for (int c = 0; c < from.cols(); ++c) sums[c] /= weight;
+    }
   });
   return to;
 }
@@ -36,7 +58,7 @@ Image gaussian_means(const Image& from, float deviation, int radius) {
   std::vector<float> taps;
   for (int i = -radius; i <= radius; ++i)
     taps.push_back(std::exp(-0.5f * static_cast<float>(i * i) / (deviation * deviation)));
-  return means_along(means_along(from, taps, false), taps, true);
+  return means_along_columns(means_along_rows(from, taps), taps);
 }
 
 }  // namespace malus::internal

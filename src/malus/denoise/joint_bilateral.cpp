@@ -120,6 +120,11 @@ class Averaging {
 
   // Rows of cells [first, end).
   void average_band(const BilateralRound& round, int first, int end) {
+    if (!is_open(first, end)) {
+      for (int r = first * kCell; r < std::min(end * kCell, rows_); ++r)
+        std::fill_n(difference_.row(r), cols_, 0.0f);
+      return;
+    }
     const int blocks = (cols_ + kLanes - 1) / kLanes;
     const int margin_rows = round.reach * layout_.rows(),
               margin_cols = round.reach * layout_.cols();
@@ -147,6 +152,12 @@ class Averaging {
       }
       for (int k = 0; k < cells_.gate.cols(); ++k) add_common(i, k);
     }
+  }
+
+  bool is_open(int first, int end) const {
+    return std::any_of(cells_.gate.row(first),
+                       cells_.gate.row(first) + (end - first) * cells_.gate.cols(),
+                       [](float gate) { return gate > 0; });
   }
 
   // Of the row of cells i.

@@ -64,10 +64,11 @@ struct Frame {
   const std::vector<float>& saturated_dn;
   const std::vector<double>& dark_dn;
 
-  bool counts(int row, int col) const {
-    const float v = dn(row, col);
-    return std::isfinite(v) &&
-           v < saturated_dn[static_cast<std::size_t>(layout.channel_at(row, col))];
+  std::size_t channel_at(int row, int col) const {
+    return static_cast<std::size_t>(layout.channel_at(row, col));
+  }
+  bool counts(float v, std::size_t channel) const {
+    return std::isfinite(v) && v < saturated_dn[channel];
   }
 };
 
@@ -76,13 +77,15 @@ struct Frame {
 double signal_around(const Frame& frame, int row, int col) {
   const int smaller = std::min(frame.layout.rows(), frame.layout.cols()),
             radius = std::max((kSide + smaller - 1) / smaller, 2);
+  const std::size_t channel = frame.channel_at(row, col);
   double sum = 0;
   int count = 0;
   const auto add = [&](int i, int k) {
     const int r = row + i * frame.layout.rows(), c = col + k * frame.layout.cols();
     if (r < 0 || c < 0 || r >= frame.dn.rows() || c >= frame.dn.cols()) return;
-    if (!frame.counts(r, c)) return;
-    sum += frame.dn(r, c);
+    const float v = frame.dn(r, c);
+    if (!frame.counts(v, channel)) return;
+    sum += v;
     ++count;
   };
   for (int i = -radius; i < radius; ++i) {
@@ -99,10 +102,10 @@ void normalise(const Frame& frame, const Unit& unit, Tile& tile) {
   for (int r = 0; r < tile.normal.rows(); ++r)
     for (int c = 0; c < tile.normal.cols(); ++c) {
       const int row = tile.row0 + r, col = tile.col0 + c;
-      const auto k = static_cast<std::size_t>(frame.layout.channel_at(row, col));
+      const std::size_t k = frame.channel_at(row, col);
       const double signal = signal_around(frame, row, col), variance = frame.variance[k](signal);
       const bool dark = !frame.dark_dn.empty() && signal < frame.dark_dn[k];
-      tile.normal(r, c) = frame.counts(row, col) && !dark && variance > 0
+      tile.normal(r, c) = frame.counts(frame.dn(row, col), k) && !dark && variance > 0
                               ? static_cast<float>(frame.dn(row, col) / std::sqrt(variance))
                               : std::numeric_limits<float>::quiet_NaN();
     }

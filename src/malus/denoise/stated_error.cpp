@@ -40,7 +40,8 @@ class CellMeans {
         row0_(input.noisy->row0),
         col0_(input.noisy->col0),
         residual_(*input.noisy),
-        bend_(*input.noisy) {
+        bend_(*input.noisy),
+        bend_root_(*input.noisy) {
     if (input.doubt) doubt_ = values_of<const float>(*input.doubt);
     const int rows = input.estimate->rows(), cols = input.estimate->cols();
     first_row_ = std::max(row0_, 0) / kCell - residual_.first_row;
@@ -66,8 +67,8 @@ class CellMeans {
     double sum = 0;
     for (int a = -2; a <= 2; ++a)
       for (int b = -2; b <= 2; ++b)
-        sum += std::sqrt(bend_.values(std::clamp(i + a, first_row_, end_row_ - 1),
-                                      std::clamp(k + b, first_col_, end_col_ - 1)));
+        sum += bend_root_.values(std::clamp(i + a, first_row_, end_row_ - 1),
+                                 std::clamp(k + b, first_col_, end_col_ - 1));
     return sum * sum / (25 * 25);
   }
   /// How unlike the blocks of the stacks here are; `coarse` of all coarser scales.
@@ -132,11 +133,12 @@ class CellMeans {
     });
     residual_.values(i, k) = residual / static_cast<float>(count);
     bend_.values(i, k) = bend / static_cast<float>(count);
+    bend_root_.values(i, k) = std::sqrt(bend_.values(i, k));
   }
 
   const StatedErrorInput& input_;
   int row0_, col0_;
-  CellMap residual_, bend_;
+  CellMap residual_, bend_, bend_root_;
   ReferenceValues<const float> doubt_;
   int first_row_, end_row_, first_col_, end_col_;
 };
