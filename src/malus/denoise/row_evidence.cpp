@@ -12,11 +12,14 @@ namespace {
 constexpr int kSegments = 16;          // a row's own spread is judged between this many parts of it
 constexpr double kInfluenceEnd = 3.0;  // deviations at which a pixel's influence ends to grow
 constexpr int kReweightingsOfRow = 4;
-constexpr double kLeastSlope = 0.1;  // of a row whose pixels lie in two places, say
+constexpr std::size_t kBegunFrom = 512;  // pixels
+constexpr double kLeastSlope = 0.1;      // of a row whose pixels lie in two places, say
 
 struct PixelDifference {
-  double value, weight, deviation;  // in units of the offsets' deviation
+  double value;          // in units of the offsets' deviation
+  double per_deviation;  // of its noise, in the same units
   int part;
+  double weight() const { return per_deviation * per_deviation; }
 };
 
 std::vector<PixelDifference> differences_along(View<const float> dn, const NoiseProfile& profile,
@@ -35,7 +38,7 @@ std::vector<PixelDifference> differences_along(View<const float> dn, const Noise
     const double mean = (static_cast<double>(above[c]) + here[c] + below[c]) / 3.0;
     const double variance = 1.5 * (channel.variance(mean) + sigma * sigma);
     const double difference = here[c] - 0.5 * (static_cast<double>(above[c]) + below[c]);
-    out.push_back({difference / sigma, sigma * sigma / variance, std::sqrt(variance) / sigma,
+    out.push_back({difference / sigma, sigma / std::sqrt(variance),
                    static_cast<int>(static_cast<std::ptrdiff_t>(c) * kSegments / dn.cols())});
   }
   return out;
@@ -61,21 +64,23 @@ struct SegmentSum {
   double weighted = 0, weight = 0;
 };
 
-// Tukey's biweight (Beaton, Tukey, Technometrics 16, 1974): how far off a pixel is, 1 where it has
-// no influence any more.
-double distance_from(double most, double reach, const PixelDifference& p) {
-  return std::min(std::abs(p.value - most) / (reach * p.deviation), 1.0);
+// Tukey's biweight (Beaton, Tukey, Technometrics 16, 1974): the square of how far off a pixel is, 1
+// where it has no influence any more.
+double squared_distance_from(double most, double reach, const PixelDifference& p) {
+  const double distance = (p.value - most) * p.per_deviation / reach;
+  return std::min(distance * distance, 1.0);
 }
 
-// By reweighting from the median on.
+// By reweighting from the median on; of a wide row that of some pixels will do.
 double place_of_most(const std::vector<PixelDifference>& pixels, double reach) {
+  const std::size_t count = std::min(pixels.size(), kBegunFrom);
   std::vector<double> values;
-  for (const PixelDifference& p : pixels) values.push_back(p.value);
+  for (std::size_t i = 0; i < count; ++i) values.push_back(pixels[i * pixels.size() / count].value);
   double most = median_of(std::move(values));
   for (int pass = 0; pass < kReweightingsOfRow; ++pass) {
     double weighted = 0, weight = 0;
     for (const PixelDifference& p : pixels) {
-      const double u = distance_from(most, reach, p), w = p.weight * std::pow(1 - u * u, 2);
+      const double keep = 1 - squared_distance_from(most, reach, p), w = p.weight() * keep * keep;
       weighted += w * p.value;
       weight += w;
     }
@@ -97,10 +102,10 @@ std::optional<RowEvidence> row_evidence(View<const float> dn, const NoiseProfile
   SegmentSum parts[kSegments];
   double weighted = 0, weight = 0;
   for (const PixelDifference& p : pixels) {
-    const double bound = kInfluenceEnd * p.deviation;
+    const double bound = kInfluenceEnd / p.per_deviation;
     SegmentSum& part = parts[p.part];
-    part.weighted += p.weight * std::clamp(p.value, -bound, bound);
-    part.weight += p.weight;
+    part.weighted += p.weight() * std::clamp(p.value, -bound, bound);
+    part.weight += p.weight();
   }
   int used = 0;
   for (const SegmentSum& part : parts)
@@ -131,12 +136,12 @@ std::optional<RowEvidence> evidence_of_most(View<const float> dn, const NoisePro
   const double most = place_of_most(pixels, reach);
   double influence[kSegments] = {}, squares = 0, slope = 0, weight = 0;
   for (const PixelDifference& p : pixels) {
-    const double u = distance_from(most, reach, p), keep = 1 - u * u,
-                 own = p.weight * keep * keep * (p.value - most);
+    const double off = squared_distance_from(most, reach, p), keep = 1 - off,
+                 own = p.weight() * keep * keep * (p.value - most);
     influence[p.part] += own;
     squares += own * own;
-    slope += p.weight * keep * (1 - 5 * u * u);
-    weight += p.weight;
+    slope += p.weight() * keep * (1 - 5 * off);
+    weight += p.weight();
   }
   double of_parts = 0;
   for (const double sum : influence) of_parts += sum * sum;
