@@ -24,7 +24,9 @@ constexpr float kGuideAxesPrior = 10.0f;
 // combines blocks and where it is a Wiener filter's.
 constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
 
-// A ninth of a pass's references tells enough of the pilot.
+// Of a pass whose result is but the pilot of combinations: as good as every 7 pixels.
+constexpr int kPilotStep = 9;
+// A fifth of such a pass's references tells enough of the pilot.
 constexpr int kSurveyStep = 21;
 
 int reach_of(const StackStage& stage, int period, int repeat_reach) {
@@ -92,9 +94,9 @@ class PlanMaker {
     if (!ridge_) return 0.0f;
     return filter == StackFilter::ridge ? kDetailOfRidge : kDetailOfWiener;
   }
-  MosaicFilterPlan quick(StackFilter filter) const {
+  MosaicFilterPlan quick(StackFilter filter, int step = 7) const {
     return {.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
-            .guided = {guided(filter, 7, 8, 32)},
+            .guided = {guided(filter, step, 8, 32)},
             .detail_threshold = detail(filter),
             .coarse = {}};
   }
@@ -115,16 +117,17 @@ class PlanMaker {
     return plan;
   }
   MosaicFilterPlan coarse_of_normal() const {
-    MosaicFilterPlan plan = quick(last_);
-    if (ridge_) plan.guided.push_back(guided(last_, 7, 8, 64));
+    if (!ridge_) return coarse(quick(last_));
+    MosaicFilterPlan plan = quick(last_, kPilotStep);
+    plan.guided.push_back(guided(last_, 7, 8, 64));
     return coarse(plan);
   }
   MosaicFilterPlan small_blocks() const {
-    return {
-        .hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
-        .guided = {guided(StackFilter::wiener, 7, 10, 32), guided(last_, ridge_ ? 7 : 5, 10, 64)},
-        .detail_threshold = detail(last_),
-        .coarse = {coarse_of_normal()}};
+    return {.hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
+            .guided = {guided(StackFilter::wiener, ridge_ ? kPilotStep : 7, 10, 32),
+                       guided(last_, ridge_ ? 7 : 5, 10, 64)},
+            .detail_threshold = detail(last_),
+            .coarse = {coarse_of_normal()}};
   }
   // How far the first pilot may be believed (pilot_doubt.h), asked of stacks like the first guided
   // pass's.
