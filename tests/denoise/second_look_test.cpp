@@ -15,6 +15,7 @@
 namespace malus {
 namespace {
 
+using internal::Look;
 using internal::share_that_result_shows;
 
 constexpr double kGain = 1.2;  // DN/e-
@@ -65,6 +66,22 @@ Image board_of_light(int side) {
   return light;
 }
 
+Image slanted_stripes(int side) {
+  Image light(side, side);
+  for (int r = 0; r < side; ++r)
+    for (int c = 0; c < side; ++c)
+      light(r, c) = std::fmod(0.906 * c + 0.423 * r, 16.0) < 8 ? 0.1f * kPaper : 0.8f * kPaper;
+  return light;
+}
+
+Image white_texture(int side) {
+  RandomSequence random(7, 0, Draw::kScene);
+  Image light(side, side);
+  for (float& value : light.values())
+    value = kPaper * static_cast<float>(0.2 + 0.6 * random.uniform());
+  return light;
+}
+
 // The camera's own, and as much more.
 NoiseProfile told_noise(const PhysicsNoise& camera, double factor) {
   NoiseProfile profile;
@@ -100,6 +117,34 @@ TEST_P(SecondLook, TooMuchNoiseIsLoweredAndNotBelowTheRightOne) {
     const double of_page = lowered(shaded_page(256));
     EXPECT_GT(of_page, 0.95);
     EXPECT_LT(of_page, 0.8 * factor);
+  }
+}
+
+// All of crisp stripes was taken for noise: the result is the picture.
+TEST_P(SecondLook, NoiseThatIsAllOfThePictureIsLowered) {
+  const PhysicsNoise camera = looked_at_noise(GetParam());
+  const RawFrame frame = drawn_frame(slanted_stripes(256), camera, {200}, 5);
+  const auto share = share_that_result_shows(frame, told_noise(camera, 60), Look::kGlance);
+  ASSERT_TRUE(share);
+  EXPECT_GT(60 * *share, 0.8);
+  EXPECT_LT(60 * *share, 6);
+}
+
+// The result of texture as fine as the pixels is the picture too, but with less noise it still is.
+TEST_P(SecondLook, TheNoiseOfATextureThatHidesItIsLeft) {
+  const PhysicsNoise camera = looked_at_noise(GetParam());
+  const RawFrame frame = drawn_frame(white_texture(256), camera, {200}, 5);
+  for (const Look look : {Look::kWhole, Look::kGlance}) {
+    const auto share = share_that_result_shows(frame, told_noise(camera, 1), look);
+    EXPECT_FALSE(share) << *share;
+  }
+}
+
+TEST_P(SecondLook, AGlanceLeavesNoiseThatIsNotAllOfThePicture) {
+  const PhysicsNoise camera = looked_at_noise(GetParam());
+  for (const Image& scene : {shaded_page(256), board_of_light(256)}) {
+    const RawFrame frame = drawn_frame(scene, camera, {200}, 5);
+    EXPECT_FALSE(share_that_result_shows(frame, told_noise(camera, 2), Look::kGlance));
   }
 }
 

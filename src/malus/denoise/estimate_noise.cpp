@@ -314,11 +314,12 @@ Estimate<PictureNoise> noise_of_light(const RawFrame& frame, TextureSearch searc
   return noise;
 }
 
-// Where texture was told from noise some of it may have stayed. Residuals do not tell of noise that
-// is less than a code.
+// Where texture was told from noise some of it may have stayed; elsewhere all may have. Residuals
+// do not tell of noise that is less than a code.
 PictureNoise looked_at_again(const RawFrame& frame, PictureNoise noise) {
-  if (!(noise.left_out > 0) || noise.deviation_dn < noise.profile.step_dn) return noise;
-  const std::optional<double> share = internal::share_that_result_shows(frame, noise.profile);
+  if (noise.deviation_dn < noise.profile.step_dn) return noise;
+  const std::optional<double> share = internal::share_that_result_shows(
+      frame, noise.profile, noise.left_out > 0 ? internal::Look::kWhole : internal::Look::kGlance);
   if (!share) return noise;
   for (ChannelProfile& channel : noise.profile.channels)
     channel.variance = channel.variance.scaled(*share);
