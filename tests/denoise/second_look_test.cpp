@@ -190,6 +190,8 @@ TEST(SecondLook, LowersWhatAPageShows) {
   EXPECT_NEAR(after / right, 1.1, 0.1);
   EXPECT_EQ(first->result_share, 1);
   EXPECT_NEAR(second.result_share, after / before, 1e-9);
+  EXPECT_NEAR(second.relative_error,
+              std::hypot(first->relative_error, 0.2 * (1 - second.result_share)), 1e-9);
   EXPECT_NEAR(second.deviation_dn, first->deviation_dn * std::sqrt(after / before), 1e-6);
   EXPECT_NE(second.trust.find("a first result left"), std::string::npos) << second.trust;
 }

@@ -148,7 +148,8 @@ std::string trust_statement(const PictureNoise& noise) {
       "noise estimated from the picture itself: deviation {:.2f} DN at its mean signal, ±{:.0f} % "
       "by sampling{}, from {:.0f} % of the picture and {} levels of brightness",
       noise.deviation_dn, std::max(100 * noise.relative_error, 1.0),
-      noise.left_out > 0 ? " and texture" : "", 100 * noise.smooth_share, noise.levels);
+      noise.left_out > 0 || noise.result_share < 1 ? " and texture" : "", 100 * noise.smooth_share,
+      noise.levels);
   if (noise.left_out > 0)
     text += fmt::format(
         "; {:.0f} % of what looked like noise can be told from neighbouring pixels: it is texture "
@@ -325,6 +326,7 @@ PictureNoise looked_at_again(const RawFrame& frame, PictureNoise noise) {
     channel.variance = channel.variance.scaled(*share);
   noise.deviation_dn *= std::sqrt(*share);
   noise.result_share = *share;
+  noise.relative_error = std::hypot(noise.relative_error, kErrorOfTexture * (1 - *share));
   noise.trust = trust_statement(noise);
   return noise;
 }

@@ -33,7 +33,7 @@ inline constexpr std::string_view kPictureNoiseLimits =
 struct PictureNoise {
   NoiseProfile profile;  ///< estimated_from_picture is set
   /// Of the deviation at the mean signal, one standard error: of sampling, and where much texture
-  /// was left out up to a fifth for that.
+  /// was left out, or a result lowered the noise, up to a fifth for that.
   double relative_error = 0;
   int levels = 0;           ///< of brightness that carry the fit, mean over the channels
   double smooth_share = 0;  ///< of the blocks: how much of the picture could be used
@@ -60,11 +60,11 @@ Estimate<PictureNoise> estimate_profile(const RawFrame& frame,
 /// Throws InputError as it does.
 bool is_without_noise(const RawFrame& frame);
 
-/// estimate_profile for callers that cannot go on without it, with a second look where texture was
-/// left out: the middle of the frame is denoised (512x512 pixels at most), and noise that its
-/// result contradicts is lowered. Throws InputError where nothing is decided, with the reason, on a
-/// frame without pixels and on a white that check_frame refuses; remedy: what the caller's user can
-/// do.
+/// estimate_profile for callers that cannot go on without it, with a second look: the middle of the
+/// frame is denoised (512x512 pixels at most where texture was left out, else 256x256), and noise
+/// that its result contradicts is lowered. Throws InputError where nothing is decided, with the
+/// reason, on a frame without pixels and on a white that check_frame refuses; remedy: what the
+/// caller's user can do.
 PictureNoise require_estimate(const RawFrame& frame, std::string_view remedy);
 
 }  // namespace malus
