@@ -214,5 +214,16 @@ TEST(SecondLook, LeavesTheNoiseOfFewCodes) {
   }
 }
 
+TEST(SecondLook, LoweredNoiseKeepsThatOfRounding) {
+  NoiseProfile told = told_noise(looked_at_noise("bayer-rggb"), 1);
+  told.step_dn = 16;
+  for (ChannelProfile& channel : told.channels)
+    channel.variance = VarianceCurve::affine(2, 16 * 16 / 12.0);
+  for (const ChannelProfile& channel : internal::with_scaled_variances(told, 0.05).channels) {
+    EXPECT_NEAR(channel.variance(0), 16 * 16 / 12.0, 1e-9);
+    EXPECT_NEAR(channel.variance(1000), 100 + 16 * 16 / 12.0, 1e-9);
+  }
+}
+
 }  // namespace
 }  // namespace malus

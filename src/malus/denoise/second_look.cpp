@@ -103,16 +103,10 @@ std::vector<double> shares_of(std::span<const LookBlock> blocks) {
   return shares;
 }
 
-double median_stated(const std::vector<LookBlock>& blocks) {
-  std::vector<double> stated;
-  for (const LookBlock& block : blocks) stated.push_back(block.stated.mean());
-  return median_of(std::move(stated));
-}
-
-double median_rest(const std::vector<LookBlock>& blocks) {
-  std::vector<double> rest;
-  for (const LookBlock& block : blocks) rest.push_back(block.rest.mean());
-  return median_of(std::move(rest));
+double median_over(const std::vector<LookBlock>& blocks, Moments LookBlock::*of) {
+  std::vector<double> means;
+  for (const LookBlock& block : blocks) means.push_back((block.*of).mean());
+  return median_of(std::move(means));
 }
 
 // What quiet blocks have in common, where it is less than what is told.
@@ -133,13 +127,14 @@ std::optional<double> common_share(std::vector<LookBlock> blocks) {
   return share;
 }
 
-NoiseProfile scaled(NoiseProfile profile, double share) {
+}  // namespace
+
+NoiseProfile with_scaled_variances(NoiseProfile profile, double share) {
+  const double rounding_dn2 = profile.step_dn * profile.step_dn / 12;
   for (ChannelProfile& channel : profile.channels)
-    channel.variance = channel.variance.scaled(share);
+    channel.variance = channel.variance.scaled(share).plus((1 - share) * rounding_dn2);
   return profile;
 }
-
-}  // namespace
 
 std::optional<double> share_that_result_shows(const RawFrame& frame, const NoiseProfile& profile,
                                               Look look) {
@@ -148,13 +143,13 @@ std::optional<double> share_that_result_shows(const RawFrame& frame, const Noise
   const int side = look == Look::kWhole ? kLookedAt : kGlancedAt;
   const std::vector<LookBlock> blocks = blocks_of(denoised_middle(frame, profile, side), profile);
   if (blocks.size() < kLeastLookBlocks) return std::nullopt;
-  if (median_stated(blocks) < kKeepsAll)
+  if (median_over(blocks, &LookBlock::stated) < kKeepsAll)
     return look == Look::kWhole ? common_share(blocks) : std::nullopt;
-  const double left = median_rest(blocks);
-  if (left > kContradiction) return std::nullopt;
-  const NoiseProfile lowered = scaled(profile, left);
+  const double left = median_over(blocks, &LookBlock::rest);
+  if (!(left > 0) || left > kContradiction) return std::nullopt;
+  const NoiseProfile lowered = with_scaled_variances(profile, left);
   const std::vector<LookBlock> again = blocks_of(denoised_middle(frame, lowered, side), lowered);
-  if (!(median_stated(again) < kTells)) return std::nullopt;
+  if (!(median_over(again, &LookBlock::stated) < kTells)) return std::nullopt;
   return left * common_share(again).value_or(1);
 }
 

@@ -22,4 +22,7 @@ enum class Look { kWhole, kGlance };
 std::optional<double> share_that_result_shows(const RawFrame& frame, const NoiseProfile& profile,
                                               Look look = Look::kWhole);
 
+/// The profile with the variances of all channels multiplied by `share`, but for that of rounding.
+NoiseProfile with_scaled_variances(NoiseProfile profile, double share);
+
 }  // namespace malus::internal
