@@ -347,9 +347,8 @@ TEST(StatedMap, LightIsEvenIfBlocksAreAlikeAtAllScales) {
   }
 }
 
-// Colour polarization, error over what is stated of it. Before copies were told apart it was 0.10
-// in the board, 0.30 in the letters and 0.50 in even light, whose error was a quarter larger then.
-// 95 % in two deviations is the level.
+// Colour polarization, error over what is stated of it. If copies are not told apart it is 0.09 in
+// the board, 0.19 in the letters and 0.39 in even light. 95 % in two deviations is the level.
 TEST_P(StatedError, IsTrueOfWhatRepeatsAndOfEvenLight) {
   const PhysicsNoise noise = equal_channels("polar-bayer-rggb", {0.5, 0.1, 0.0, 1.2, 0.0});
   const auto check = [&](const char* name, double least, const auto& light) {
@@ -370,7 +369,7 @@ TEST_P(StatedError, IsTrueOfWhatRepeatsAndOfEvenLight) {
                            "........................"};
   check("letters", 0.45,
         [&](int r, int c) { return letters[r / 2 % 7][c / 2 % 24] == '1' ? 100 : 800; });
-  if (GetParam() == "nl-ridge") check("even", 0.45, [](int, int) { return 600; });
+  if (GetParam() == "nl-ridge") check("even", 0.5, [](int, int) { return 600; });
 }
 
 }  // namespace
