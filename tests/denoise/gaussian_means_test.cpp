@@ -1,6 +1,5 @@
 #include "malus/denoise/internal/gaussian_means.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>

@@ -2,7 +2,6 @@
 
 #include "malus/base/statistics.h"
 
-#include <algorithm>
 #include <cmath>
 #include <vector>
 

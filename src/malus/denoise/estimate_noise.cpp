@@ -323,9 +323,8 @@ PictureNoise looked_at_again(const RawFrame& frame, PictureNoise noise) {
       frame, noise.profile, noise.left_out > 0 ? internal::Look::kWhole : internal::Look::kGlance);
   if (!share) return noise;
   noise.profile = internal::with_scaled_variances(std::move(noise.profile), *share);
-  const double rounding_dn2 = noise.profile.step_dn * noise.profile.step_dn / 12;
-  noise.deviation_dn =
-      std::sqrt(*share * std::pow(noise.deviation_dn, 2) + (1 - *share) * rounding_dn2);
+  noise.deviation_dn = std::sqrt(*share * std::pow(noise.deviation_dn, 2) +
+                                 internal::kept_rounding_dn2(noise.profile, *share));
   noise.result_share = *share;
   noise.relative_error = std::hypot(noise.relative_error, kErrorOfTexture * (1 - *share));
   noise.trust = trust_statement(noise);

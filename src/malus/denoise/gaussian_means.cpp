@@ -10,25 +10,27 @@
 namespace malus::internal {
 namespace {
 
-// Of a line: to[c] += tap * from[c + shift], as far as there is one; what the taps add up to there.
-void add_shifted(const float* from, int size, int shift, float tap, float* to, float* weights) {
-  const int begin = std::max(-shift, 0), end = std::min(size - shift, size);
-  for (int c = begin; c < end; ++c) to[c] += tap * from[c + shift];
-  for (int c = begin; c < end; ++c) weights[c] += tap;
+// Of a line: to[c] += tap * from[c + shift], as far as there is one. taps: from -radius to radius.
+// One tap after the other, for pixels beside each other are added at once.
+void add_along(const float* from, int size, const std::vector<float>& taps, float* to) {
+  const int radius = static_cast<int>(taps.size()) / 2;
+  for (int shift = -radius; shift <= radius; ++shift) {
+    const float tap = taps[static_cast<std::size_t>(shift + radius)];
+    const int begin = std::max(-shift, 0), end = std::min(size - shift, size);
+    for (int c = begin; c < end; ++c) to[c] += tap * from[c + shift];
+  }
 }
 
-// taps: from -radius to radius. One tap after the other, for pixels beside each other are added at
-// once; where taps lie outside the others count.
+// Where taps lie outside the others count.
 Image means_along_rows(const Image& from, const std::vector<float>& taps) {
-  const int radius = static_cast<int>(taps.size()) / 2, size = from.cols();
+  const int size = from.cols();
+  const std::vector<float> ones(static_cast<std::size_t>(size), 1.0f);
+  std::vector<float> weights(ones.size());
+  add_along(ones.data(), size, taps, weights.data());
   Image to(from.rows(), size);
   parallel_for(0, from.rows(), kRowsPerTask, [&](std::ptrdiff_t begin, std::ptrdiff_t end) {
-    std::vector<float> weights(static_cast<std::size_t>(size));
     for (int r = static_cast<int>(begin); r < static_cast<int>(end); ++r) {
-      std::fill(weights.begin(), weights.end(), 0.0f);
-      for (int t = -radius; t <= radius; ++t)
-        add_shifted(from.row(r), size, t, taps[static_cast<std::size_t>(t + radius)], to.row(r),
-                    weights.data());
+      add_along(from.row(r), size, taps, to.row(r));
       for (int c = 0; c < size; ++c) to(r, c) /= weights[static_cast<std::size_t>(c)];
     }
   });

@@ -103,7 +103,7 @@ class Averaging {
     }
   }
 
-  // Fills difference_ and the sums.
+  // Fills difference_, where a gate is near, and the sums.
   void average(const BilateralRound& round) {
     if (difference_.size() == 0) difference_ = Image(rows_, cols_);
     for (Image* map : {&cells_.gain, &cells_.gain_common, &cells_.energy, &cells_.energy_common,
@@ -120,11 +120,7 @@ class Averaging {
 
   // Rows of cells [first, end).
   void average_band(const BilateralRound& round, int first, int end) {
-    if (!is_open(first, end)) {
-      for (int r = first * kCell; r < std::min(end * kCell, rows_); ++r)
-        std::fill_n(difference_.row(r), cols_, 0.0f);
-      return;
-    }
+    if (!is_open(first, end)) return;  // closed cells take no change
     const int blocks = (cols_ + kLanes - 1) / kLanes;
     const int margin_rows = round.reach * layout_.rows(),
               margin_cols = round.reach * layout_.cols();

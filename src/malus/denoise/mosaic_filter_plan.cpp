@@ -24,9 +24,10 @@ constexpr float kGuideAxesPrior = 10.0f;
 // combines blocks and where it is a Wiener filter's.
 constexpr float kDetailOfRidge = 4.5f, kDetailOfWiener = 3.0f;
 
-// Of a pass whose result is but the pilot of combinations: as good as every 7 pixels.
-constexpr int kPilotStep = 9;
-// A fifth of such a pass's references tells enough of the pilot.
+// Pixels between the references of a first Wiener pass. One whose result is but the pilot of
+// combinations is as good with fewer.
+constexpr int kWienerStep = 7, kPilotStep = 9;
+// A fifth of a pilot pass's references, a ninth of others', tells enough of the pilot.
 constexpr int kSurveyStep = 21;
 
 int reach_of(const StackStage& stage, int period, int repeat_reach) {
@@ -48,6 +49,7 @@ class PlanMaker {
     // Combinations take the pilot at its word; the one that a Wiener pass has been over has less of
     // its noise, which tells where light is low (docs/denoising-experiments.md, "Combinations").
     last_ = ridge_ ? StackFilter::ridge : StackFilter::wiener;
+    first_step_ = ridge_ ? kPilotStep : kWienerStep;
   }
 
   // A pilot of the hard threshold alone is none to combine by.
@@ -94,7 +96,7 @@ class PlanMaker {
     if (!ridge_) return 0.0f;
     return filter == StackFilter::ridge ? kDetailOfRidge : kDetailOfWiener;
   }
-  MosaicFilterPlan quick(StackFilter filter, int step = 7) const {
+  MosaicFilterPlan quick(StackFilter filter, int step = kWienerStep) const {
     return {.hard = {hard(4, 15, 8, 16, 2.7f), hard(2, 11, 8, 32, 2.5f)},
             .guided = {guided(filter, step, 8, 32)},
             .detail_threshold = detail(filter),
@@ -117,14 +119,13 @@ class PlanMaker {
     return plan;
   }
   MosaicFilterPlan coarse_of_normal() const {
-    if (!ridge_) return coarse(quick(last_));
-    MosaicFilterPlan plan = quick(last_, kPilotStep);
-    plan.guided.push_back(guided(last_, 7, 8, 64));
+    MosaicFilterPlan plan = quick(last_, first_step_);
+    if (ridge_) plan.guided.push_back(guided(last_, 7, 8, 64));
     return coarse(plan);
   }
   MosaicFilterPlan small_blocks() const {
     return {.hard = {hard(4, 13, 10, 32, 2.7f), hard(2, 11, 10, 32, 2.5f)},
-            .guided = {guided(StackFilter::wiener, ridge_ ? kPilotStep : 7, 10, 32),
+            .guided = {guided(StackFilter::wiener, first_step_, 10, 32),
                        guided(last_, ridge_ ? 7 : 5, 10, 64)},
             .detail_threshold = detail(last_),
             .coarse = {coarse_of_normal()}};
@@ -149,6 +150,7 @@ class PlanMaker {
   int period_ = 1;
   bool ridge_ = false;
   int far_step_ = 1;
+  int first_step_ = kWienerStep;
   StackFilter last_ = StackFilter::wiener;
 };
 

@@ -36,12 +36,9 @@ struct DenoisedMiddle {
   Denoised result;
 };
 
-DenoisedMiddle denoised_middle(const RawFrame& frame, const NoiseProfile& profile, int side) {
-  RawFrame middle = frame;
-  middle.dn = middle_of(frame.dn, frame.layout, side);
+DenoisedMiddle denoise_middle(const RawFrame& middle, const NoiseProfile& profile) {
   Denoised result;
-  PreparedFrame prepared =
-      prepare_frame(std::move(middle), profile, {.compare_noise = false}, result);
+  PreparedFrame prepared = prepare_frame(middle, profile, {.compare_noise = false}, result);
   result.variance_dn2 = Image(prepared.dn.rows(), prepared.dn.cols());
   filter_prepared(prepared, profile, {}, silent_progress(), result);
   complete_result(prepared, result);
@@ -58,8 +55,8 @@ std::optional<PixelLook> look_at(const DenoisedMiddle& middle, const NoiseProfil
   if (middle.frame.saturated(r, c)) return std::nullopt;
   const auto channel = static_cast<std::size_t>(middle.frame.layout.channel_at(r, c));
   const double dn = middle.result.dn_above_black(r, c), rest = middle.frame.dn(r, c) - dn,
-               told = profile.channels[channel].variance(dn);
-  const double stated = (*middle.result.variance_dn2)(r, c);
+               told = profile.channels[channel].variance(dn),
+               stated = (*middle.result.variance_dn2)(r, c);
   if (!std::isfinite(rest) || !std::isfinite(stated)) return std::nullopt;
   return PixelLook{rest * rest / told, stated / told};
 }
@@ -129,10 +126,14 @@ std::optional<double> common_share(std::vector<LookBlock> blocks) {
 
 }  // namespace
 
+double kept_rounding_dn2(const NoiseProfile& profile, double share) {
+  return (1 - share) * profile.step_dn * profile.step_dn / 12;
+}
+
 NoiseProfile with_scaled_variances(NoiseProfile profile, double share) {
-  const double rounding_dn2 = profile.step_dn * profile.step_dn / 12;
+  const double kept_dn2 = kept_rounding_dn2(profile, share);
   for (ChannelProfile& channel : profile.channels)
-    channel.variance = channel.variance.scaled(share).plus((1 - share) * rounding_dn2);
+    channel.variance = channel.variance.scaled(share).plus(kept_dn2);
   return profile;
 }
 
@@ -140,15 +141,16 @@ std::optional<double> share_that_result_shows(const RawFrame& frame, const Noise
                                               Look look) {
   check_frame(frame, profile);
   if (measure_cut_off(frame).mean_share() > 0) return std::nullopt;
-  const int side = look == Look::kWhole ? kLookedAt : kGlancedAt;
-  const std::vector<LookBlock> blocks = blocks_of(denoised_middle(frame, profile, side), profile);
+  RawFrame middle = frame;
+  middle.dn = middle_of(frame.dn, frame.layout, look == Look::kWhole ? kLookedAt : kGlancedAt);
+  const std::vector<LookBlock> blocks = blocks_of(denoise_middle(middle, profile), profile);
   if (blocks.size() < kLeastLookBlocks) return std::nullopt;
   if (median_over(blocks, &LookBlock::stated) < kKeepsAll)
     return look == Look::kWhole ? common_share(blocks) : std::nullopt;
   const double left = median_over(blocks, &LookBlock::rest);
   if (!(left > 0) || left > kContradiction) return std::nullopt;
   const NoiseProfile lowered = with_scaled_variances(profile, left);
-  const std::vector<LookBlock> again = blocks_of(denoised_middle(frame, lowered, side), lowered);
+  const std::vector<LookBlock> again = blocks_of(denoise_middle(middle, lowered), lowered);
   if (!(median_over(again, &LookBlock::stated) < kTells)) return std::nullopt;
   return left * common_share(again).value_or(1);
 }

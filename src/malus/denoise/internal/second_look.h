@@ -22,6 +22,9 @@ enum class Look { kWhole, kGlance };
 std::optional<double> share_that_result_shows(const RawFrame& frame, const NoiseProfile& profile,
                                               Look look = Look::kWhole);
 
+/// What a variance multiplied by `share` lacks of that of rounding, which stays as it is.
+double kept_rounding_dn2(const NoiseProfile& profile, double share);
+
 /// The profile with the variances of all channels multiplied by `share`, but for that of rounding.
 NoiseProfile with_scaled_variances(NoiseProfile profile, double share);
 
