@@ -124,8 +124,9 @@ class Case:
         truth, peak_dn = (camera.gain_dn_per_e * self.electrons).astype(np.float32), camera.gain_dn_per_e * self.light_e
 
         def score(method):
-            name, _, profile = method.partition("/")
-            result = malus.denoise(frame, model=model, gain=0, method=name, profile=profile or "normal")["dn"]
+            weights = method.endswith(".safetensors")
+            name, profile = (method, "normal") if weights else (method.partition("/")[0], method.partition("/")[2] or "normal")
+            result = malus.denoise(frame, model=model, gain=0, method=name, profile=profile)["dn"]
             if not camera.layout.startswith("polar"):
                 return [10 * np.log10(peak_dn**2 / np.mean((result - truth)**2))]
             measured = malus.evaluate(truth, result, camera.layout, peak_dn)

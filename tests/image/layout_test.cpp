@@ -59,6 +59,27 @@ TEST(SensorLayout, TheFourBayerOrdersAreOneSensor) {
   EXPECT_FALSE(SensorLayout::from_sites({{"0", "45"}, {"135", "90"}}).phase_in(mono));
 }
 
+// What it sees of any light is what the coloured one sees of grey light, pixel by pixel.
+TEST(SensorLayout, WithoutColoursIsOneThatSeesGrey) {
+  const auto mono = SensorLayout::named("mono"), polar = SensorLayout::named("polar-mono");
+  for (const char* order : {"rggb", "grbg", "gbrg", "bggr"}) {
+    const auto bayer = SensorLayout::named(std::string("bayer-") + order);
+    const auto polar_bayer = SensorLayout::named(std::string("polar-bayer-") + order);
+    EXPECT_EQ(mono.phase_in(bayer), (CellPhase{0, 0})) << order;
+    EXPECT_EQ(polar.phase_in(polar_bayer), (CellPhase{0, 0})) << order;
+    EXPECT_FALSE(mono.phase_in(polar_bayer)) << order;
+    EXPECT_FALSE(polar.phase_in(bayer)) << order;
+    EXPECT_FALSE(bayer.phase_in(mono)) << order;
+    EXPECT_FALSE(polar_bayer.phase_in(polar)) << order;
+  }
+  const auto rggb = SensorLayout::named("polar-bayer-rggb");
+  const auto row_on = SensorLayout::from_sites({{"135", "0"}, {"90", "45"}});
+  EXPECT_EQ(row_on.phase_in(rggb), (CellPhase{1, 0}));
+  EXPECT_FALSE(SensorLayout::from_sites({{"45", "90"}, {"135", "0"}}).phase_in(rggb));
+  EXPECT_FALSE(SensorLayout::from_sites({{"R", "R", "B"}})
+                   .phase_in(SensorLayout::from_sites({{"R", "R", "R", "R", "B", "B"}})));
+}
+
 TEST(SensorLayout, UnknownNamesAndSitesAreRefusedWithAHint) {
   try {
     SensorLayout::named("polar-bayer-rgbg");

@@ -237,6 +237,43 @@ TEST(FrameInDomain, AnotherOrderIsTheSameSensorFromAnotherPixel) {
   }
 }
 
+// A frame of mono polarization is one of colour polarization of grey light, whatever the four
+// channels' noise and bias: the same planes, and the same way back.
+TEST(FrameInDomain, ASensorWithoutColoursSeesGrey) {
+  for (const char* domain : {"linear", "stabilised"}) {
+    PackageSettings settings;
+    settings.domain = domain;
+    settings.row_noise = false;
+    settings.layout = "polar-bayer-rggb";
+    Camera camera(63, 94);
+    const RawFrame colored = camera.noisy();
+    RawFrame grey = colored;
+    grey.layout = SensorLayout::named("polar-mono");
+    grey.black_dn.resize(4);
+    NoiseProfile profile = camera.profile;
+    profile.layout = grey.layout;
+    profile.channels.resize(4);
+    for (std::size_t k = 0; k < 4; ++k) {
+      profile.channels[k].bias_dn = static_cast<double>(k);
+      profile.channels[k].variance = VarianceCurve::affine(0.1 + 0.1 * static_cast<double>(k), 4);
+    }
+    for (int r = 0; r < 4; ++r)
+      for (int c = 0; c < 4; ++c)
+        camera.profile.channels[static_cast<std::size_t>(colored.layout.channel_at(r, c))] =
+            profile.channels[static_cast<std::size_t>(grey.layout.channel_at(r, c))];
+    const NetworkFrame as_grey = prepare_network_frame(grey, profile, settings);
+    const NetworkFrame as_colored = prepare_network_frame(colored, camera.profile, settings);
+    const auto planes = prepare_input(as_grey, {0, 0, 63, 94});
+    EXPECT_TRUE(torch::equal(planes, prepare_input(as_colored, {0, 0, 63, 94}))) << domain;
+    const auto window = prepare_input(as_grey, {9, 13, 18, 21});
+    EXPECT_TRUE(torch::equal(window, prepare_input(as_colored, {9, 13, 18, 21}))) << domain;
+    const auto signal = as_grey.domain.clean_planes(as_grey.frame.dn);
+    EXPECT_EQ(restore_output(as_grey, signal, {0, 0, 63, 94}),
+              restore_output(as_colored, signal, {0, 0, 63, 94}))
+        << domain;
+  }
+}
+
 // Black levels far apart: a channel of low black has light above the range of the others.
 TEST(FrameInDomain, AChannelIsBrightUpToItsOwnWhite) {
   const Camera camera(64, 64);

@@ -99,6 +99,23 @@ def test_the_shipped_networks_are_as_good_in_every_order(malus, tmp_path, layout
     assert psnr["bggr"] > -10 * np.log10(np.mean((noisy - clean) ** 2)) + 8
 
 
+@pytest.mark.parametrize("network,layout,other", [("bayer", "mono", "polar-mono"), ("polar-bayer", "polar-mono", "mono")])
+def test_the_shipped_networks_serve_sensors_without_colours(malus, refused, tmp_path, network, layout, other):
+    """They see what the coloured ones see of grey light. Waves and discs: 0.2 dB at least over the classical result, 0.37 and 0.32 here."""
+    rows, cols = np.mgrid[0:403, 0:401]
+    clean = 60 + 30 * np.sin(cols / 21) * np.cos(rows / 17) + 40 * (np.hypot(rows - 200, cols - 200) % 30 > 15)
+    noisy = np.random.default_rng(4).normal(clean, np.sqrt(9 + clean)) + 82
+    np.save(tmp_path / "frame.npy", noisy.round().astype(np.uint16))
+    weights, psnr = ROOT / f"models/{network}.safetensors", {}
+    for method in (weights, "nl-ridge"):
+        out, _ = denoised(malus, tmp_path / "frame.npy", tmp_path / pathlib.Path(method).name, method, model=["--layout", layout])
+        psnr[method] = -10 * np.log10(np.mean((out - clean)[8:-8, 8:-8] ** 2))
+    assert psnr[weights] > psnr["nl-ridge"] + 0.2, psnr
+    line = refused("denoise", tmp_path / "frame.npy", "--method", weights, "--layout", other, "--black", 82, "--white", 4095, "-o", tmp_path / "none")
+    assert f"has the layout {other}, the network {network}-rggb" in line
+    assert not (tmp_path / "none").exists()
+
+
 @pytest.mark.parametrize("guide", ["bm3d", "nl-ridge"])
 def test_a_guided_network_without_correction_equals_the_classical_method(malus, noisy, tmp_path, guide):
     weights = unet_package(tmp_path / "zero.safetensors", domain="stabilised", noise_input="level", guide=guide,

@@ -191,16 +191,18 @@ int SensorLayout::find(Color color, std::optional<int> angle_deg) const {
 }
 
 std::optional<CellPhase> SensorLayout::phase_in(const SensorLayout& other) const {
-  if (rows_ != other.rows_ || cols_ != other.cols_) return std::nullopt;
-  const auto alike = [](const Site& a, const Site& b) {
+  if (other.rows_ % rows_ != 0 || other.cols_ % cols_ != 0) return std::nullopt;
+  const bool grey = colors() == std::vector<Color>{Color::kMono};
+  const auto alike = [&](const Site& a, const Site& b) {
     const auto hue = [](Color color) { return color == Color::kGreen2 ? Color::kGreen1 : color; };
-    return hue(a.color) == hue(b.color) && a.angle_deg == b.angle_deg;
+    return (grey || hue(a.color) == hue(b.color)) && a.angle_deg == b.angle_deg;
   };
-  for (int row = 0; row < rows_; ++row)
-    for (int col = 0; col < cols_; ++col) {
+  for (int row = 0; row < other.rows_; ++row)
+    for (int col = 0; col < other.cols_; ++col) {
       bool same = true;
-      for (int i = 0; i < channels() && same; ++i)
-        same = alike(site(i), other.site(other.channel_at(i / cols_ + row, i % cols_ + col)));
+      for (int r = 0; r < other.rows_ && same; ++r)
+        for (int c = 0; c < other.cols_ && same; ++c)
+          same = alike(site(channel_at(r, c)), other.site(other.channel_at(r + row, c + col)));
       if (same) return CellPhase{row, col};
     }
   return std::nullopt;

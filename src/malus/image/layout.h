@@ -62,8 +62,9 @@ class SensorLayout {
   /// Channel with this colour and angle, or -1.
   int find(Color color, std::optional<int> angle_deg) const;
   /// The phase at which a mosaic of this layout is one of `other`: the four Bayer orders are one
-  /// sensor, read out from different pixels, and both greens count as one colour. None where the
-  /// sensors differ.
+  /// sensor, read out from different pixels, and both greens count as one colour; without colours
+  /// (mono, polar-mono) it is what a coloured sensor sees of grey light. None where the sensors
+  /// differ.
   std::optional<CellPhase> phase_in(const SensorLayout& other) const;
   bool operator==(const SensorLayout& other) const {
     return rows_ == other.rows_ && cols_ == other.cols_ && sites_ == other.sites_;

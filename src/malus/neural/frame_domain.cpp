@@ -84,9 +84,9 @@ float faded_to_guide(const NetworkFrame& frame, int row, int col, float network_
 // The frame's channels in the package's order.
 std::vector<ChannelProfile> in_order_of(const SensorLayout& wanted, const SensorLayout& frame,
                                         CellPhase phase, const NoiseProfile& profile) {
-  std::vector<ChannelProfile> channels = profile.channels;
-  for (int r = 0; r < frame.rows(); ++r)
-    for (int c = 0; c < frame.cols(); ++c)
+  std::vector<ChannelProfile> channels(static_cast<std::size_t>(wanted.channels()));
+  for (int r = 0; r < wanted.rows(); ++r)
+    for (int c = 0; c < wanted.cols(); ++c)
       channels[static_cast<std::size_t>(wanted.channel_at(r + phase.row, c + phase.col))] =
           profile.channels[static_cast<std::size_t>(frame.channel_at(r, c))];
   return channels;

@@ -124,7 +124,7 @@ LoadedPackage load_package(const std::filesystem::path& path);
 ///   stabilised: plane = stabilised sample / s, s = 4 + 3 * mean of the positive samples
 ///   linear:     plane = DN above black and bias / s, s = (white - black) / amplification
 /// Planes are in the package's order. A frame of another Bayer order is one of the package's layout
-/// that begins inside a cell (SensorLayout::phase_in).
+/// that begins inside a cell, and one without colours sees grey light (SensorLayout::phase_in).
 class FrameDomain {
  public:
   /// ratio: for amplification "ratio". Contract: the frame's layout has a phase in the package's.
