@@ -112,6 +112,17 @@ TEST(PicturePackage, RefusesWhatDoesNotFitTogether) {
   EXPECT_THROW(package_of(file, "weights"), InputError);
 }
 
+// What a sensor without colours sees has a mosaic of grey, and no picture.
+TEST(PicturePackage, WantsASensorWithColours) {
+  const auto mono = SensorLayout::named("mono");
+  EXPECT_EQ(picture_settings("mosaic").phase_of(mono), (CellPhase{0, 0}));
+  for (const char* target : {"rgb", "srgb"}) {
+    EXPECT_FALSE(picture_settings(target).phase_of(mono)) << target;
+    EXPECT_EQ(picture_settings(target).phase_of(SensorLayout::named("bayer-bggr")),
+              (CellPhase{1, 1}));
+  }
+}
+
 TEST(PicturePackage, OnesWrittenBeforeThereWerePicturesGiveMosaics) {
   NetworkPackage package;
   package.settings = picture_settings("mosaic");

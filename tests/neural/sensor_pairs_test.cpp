@@ -1,4 +1,5 @@
-// Captured pairs of a sensor whose pixels the model knows. Truth: the frames that the test wrote.
+// Pairs of sensors whose pixels or whose lack of colours the model knows. Truth: the frames and the
+// scene that the test wrote.
 #include "malus/base/random.h"
 #include "malus/base/statistics.h"
 #include "malus/io/picture_file.h"
@@ -9,11 +10,14 @@
 #include <fstream>
 
 #include "support.h"
+#include "training_runs.h"
 #include <gtest/gtest.h>
 
 namespace malus {
 namespace {
 
+using testing::AngleScene;
+using testing::scene_config;
 using testing::TemporaryFolder;
 
 constexpr int kSensorSide = 64;
@@ -102,6 +106,48 @@ TEST(SensorPairs, DarkSignalOfAReferenceIsThatOfItsOwnGain) {
   for (std::size_t i = 0; i < noisy_dn.size(); ++i)
     difference.add(double{pair.noisy.dn.values()[i]} - double{pair.clean_dn.values()[i]});
   EXPECT_NEAR(pair.profile.channels[0].variance(kLightDn) / difference.variance(), 1, 0.11);
+}
+
+// Of the first and of the last colour of every cell.
+double last_over_first(const Image& mosaic) {
+  double first = 0, last = 0;
+  for (int r = 0; r < mosaic.rows(); ++r)
+    for (int c = 0; c < mosaic.cols(); ++c) {
+      if (r % 4 < 2 && c % 4 < 2) first += double{mosaic(r, c)};
+      if (r % 4 >= 2 && c % 4 >= 2) last += double{mosaic(r, c)};
+    }
+  return last / first;
+}
+
+// One network for two cameras: to the one without colours every scene is grey, and the sites of the
+// other's red (0.2 of white) see what those of its blue do (0.4). A camera whose cells begin
+// elsewhere would need other pieces, and is refused.
+TEST(SyntheticPairs, OfASensorWithoutColoursAreOfGreyLight) {
+  const TemporaryFolder folder;
+  const AngleScene scene(folder);
+  TrainingConfig config = scene_config(scene);
+  config.noise.gains = {12};
+  config.models = {"imx250myr-simulated", "imx250mzr-simulated"};
+  const auto pairs = make_pair_source(config);
+  int grey = 0;
+  for (std::uint32_t number = 0; number < 12; ++number) {
+    const RawPair pair = pairs->pair(3, number);
+    const bool is_grey = pair.noisy.layout == SensorLayout::named("polar-mono");
+    grey += is_grey ? 1 : 0;
+    EXPECT_EQ(pair.profile.channels.size(), is_grey ? 4U : 16U);
+    EXPECT_NEAR(last_over_first(pair.clean_dn), is_grey ? 1 : 2, 0.2) << number;
+    const TrainingExample example = make_example(pair, config.package);
+    EXPECT_EQ(example.target.sizes(),
+              (std::vector<std::int64_t>{16, pair.clean_dn.rows() / 4, pair.clean_dn.cols() / 4}));
+  }
+  EXPECT_GT(grey, 0);
+  EXPECT_LT(grey, 12);
+
+  NoiseModel turned = load_model("imx250mzr-simulated");
+  turned.layout = SensorLayout::from_sites({{"135", "0"}, {"90", "45"}});
+  save_model(turned, folder / "turned.h5");
+  config.models.back() = folder / "turned.h5";
+  EXPECT_THROW(make_pair_source(config), InputError);
 }
 
 // As denoising fills them, wherever the piece of an example lies.

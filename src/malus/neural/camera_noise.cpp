@@ -29,13 +29,14 @@ void multiply(ChannelStatistics& statistics, double factor) {
   multiply(statistics.covariance.values, factor * factor);
 }
 
+// Pieces of light are whole cells of the package, so that a sensor's cells must begin with them.
 void require_layout(const fs::path& path, const SensorLayout& layout,
                     const NetworkPackage& package) {
-  if (!(layout == package.layout()))
+  if (package.settings.phase_of(layout) != CellPhase{})
     throw InputError(path.string(),
                      fmt::format("is of a sensor with the layout {}, the package of {}",
                                  layout.name(), package.settings.layout),
-                     "name a model of the package's layout");
+                     "name a model of the package's layout, or of that without its colours");
 }
 
 class CalibratedNoise final : public CameraNoise {

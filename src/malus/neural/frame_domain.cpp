@@ -97,7 +97,7 @@ std::vector<ChannelProfile> in_order_of(const SensorLayout& wanted, const Sensor
 FrameDomain::FrameDomain(const PackageSettings& settings, const PreparedFrame& frame,
                          const NoiseProfile& noise, std::optional<double> ratio)
     : layout_(SensorLayout::named(settings.layout)),
-      phase_(frame.layout.phase_in(layout_).value()),
+      phase_(settings.phase_of(frame.layout).value()),
       stabilised_(settings.domain == "stabilised"),
       noise_level_(settings.noise_input != "none"),
       least_deviation_dn_(Stabilizer::kLeastDeviation * frame.highest_dn) {
@@ -205,8 +205,7 @@ NetworkFrame prepare_network_frame(RawFrame frame, const NoiseProfile& measured,
                                    Progress& progress, WantedReport wanted_report) {
   MALUS_REQUIRE(!wanted_report.variance || settings.guide != "none");
   check_frame(frame, measured);
-  if (const SensorLayout wanted = SensorLayout::named(settings.layout);
-      !frame.layout.phase_in(wanted))
+  if (!settings.phase_of(frame.layout))
     throw InputError(
         frame.source,
         fmt::format("has the layout {}, the network {}", frame.layout.name(), settings.layout),

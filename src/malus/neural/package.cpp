@@ -100,6 +100,11 @@ void check_picture_settings(const NetworkPackage& package) {
 
 }  // namespace
 
+std::optional<CellPhase> PackageSettings::phase_of(const SensorLayout& sensor) const {
+  if (gives() != NetworkTarget::kMosaic && !sensor.colored()) return std::nullopt;
+  return sensor.phase_in(SensorLayout::named(layout));
+}
+
 void check_finite(const TensorFile& file, const std::string& source) {
   for (const auto& [name, stored] : file.tensors)
     if (stored.dtype != "I64" && !torch::isfinite(to_torch(stored)).all().item<bool>())

@@ -70,6 +70,10 @@ struct PackageSettings {
   }
 
   NetworkTarget gives() const { return network_target(target); }
+  /// Where in the layout's cell that of a sensor begins which the network serves: of this layout,
+  /// of another Bayer order, or without colours (SensorLayout::phase_in), but no picture comes of
+  /// the latter. None of other sensors.
+  std::optional<CellPhase> phase_of(const SensorLayout& sensor) const;
 };
 
 struct NetworkPackage {
@@ -124,10 +128,10 @@ LoadedPackage load_package(const std::filesystem::path& path);
 ///   stabilised: plane = stabilised sample / s, s = 4 + 3 * mean of the positive samples
 ///   linear:     plane = DN above black and bias / s, s = (white - black) / amplification
 /// Planes are in the package's order. A frame of another Bayer order is one of the package's layout
-/// that begins inside a cell, and one without colours sees grey light (SensorLayout::phase_in).
+/// that begins inside a cell, and one without colours sees grey light (PackageSettings::phase_of).
 class FrameDomain {
  public:
-  /// ratio: for amplification "ratio". Contract: the frame's layout has a phase in the package's.
+  /// ratio: for amplification "ratio". Contract: settings.phase_of(the frame's layout).
   FrameDomain(const PackageSettings& settings, const PreparedFrame& frame,
               const NoiseProfile& profile, std::optional<double> ratio = {});
 
