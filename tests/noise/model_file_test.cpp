@@ -253,6 +253,56 @@ TEST(ModelFile, RefusesMapsPointsAndCountsThatAreNoNumbers) {
   EXPECT_NE(problem_after([](auto& p) { p.residual_counts[1][2] = -1; }), "");
 }
 
+// A model that somebody edited: what is squared would hide its sign, what is drawn would be no
+// noise.
+TEST(ModelFile, RefusesDeviationsThatAreNone) {
+  const auto problem_after = [](auto change) {
+    NoiseModel model = testing::full_model();
+    change(model, model.physics[1]);
+    return contradiction_in(model);
+  };
+  const double infinity = std::numeric_limits<double>::infinity();
+  for (const double value : {-0.1, infinity, 1e30}) {
+    EXPECT_NE(problem_after([&](auto&, auto& p) { p.dsnu_dn = {value, 1}; }), "") << value;
+    EXPECT_NE(problem_after([&](auto&, auto& p) { p.prnu = {0.01, value}; }), "") << value;
+    EXPECT_NE(problem_after([&](auto&, auto& p) { p.temporal_sd_dark_dn = {value, 1}; }), "");
+    EXPECT_NE(problem_after([&](auto&, auto& p) { p.sigma_column.mean = {1, value}; }), "");
+    EXPECT_NE(problem_after([&](auto&, auto& p) { p.sigma_tl.spread = {1, value}; }), "");
+    EXPECT_NE(problem_after([&](auto&, auto& p) { p.sigma_tl.mean = {1, value}; }), "");
+    EXPECT_NE(problem_after([&](auto&, auto& p) { p.K.mean = {1, value}; }), "");
+    EXPECT_NE(problem_after([&](auto& m, auto&) { m.quantization_dn = value; }), "");
+  }
+  EXPECT_EQ(problem_after([](auto&, auto& p) {  // not known
+              p.dsnu_dn = p.prnu = p.sigma_tl.spread = p.mu.standard_error = {NAN, 0.01};
+            }),
+            "");
+  EXPECT_NE(problem_after([](auto&, auto& p) { p.bias_frames = -5; }), "");
+  EXPECT_NE(problem_after([](auto& m, auto&) { m.white_dn = 1e30; }), "");
+  EXPECT_NE(problem_after([](auto& m, auto&) { m.joint->segments[0].knots_log_K[1] = 1e9; }), "");
+}
+
+TEST(ModelFile, RefusesCovariancesThatNoChannelsHave) {
+  const auto problem_after = [](auto change) {
+    NoiseModel model = testing::full_model();
+    change(model);
+    return contradiction_in(model);
+  };
+  const auto covariance = [&](double own, double shared, double other) {
+    return problem_after(
+        [&](NoiseModel& m) { m.physics[1].mu.covariance = testing::matrix2(own, shared, other); });
+  };
+  EXPECT_EQ(covariance(4, 2, 1), "");
+  EXPECT_EQ(covariance(4, 2 + 1e-9, 1), "");  // rounding
+  EXPECT_EQ(covariance(0, 0, 1), "");
+  EXPECT_NE(covariance(4, 2.1, 1), "");
+  EXPECT_NE(covariance(-1, 0, 1), "");
+  for (const double shared : {1.5, -1.5})
+    EXPECT_NE(problem_after([&](NoiseModel& m) {
+                m.joint->segments[0].mu_correlation = testing::matrix2(1, shared, 1);
+              }),
+              "");
+}
+
 // Defects of a model with maps are written over in copies of these.
 TEST(ModelFile, DefectsLieInsideEveryMap) {
   const auto with_defect = [](int row, int col) {

@@ -25,6 +25,9 @@ class Findings {
 
 enum class Need { kRequired, kOptional };
 
+// In DN, DN/e- or DN^2 of a sensor; demosaicking takes pixels of as much for no light either.
+constexpr double kBeyondSensors = 1e15;
+
 bool all_finite(const std::vector<double>& values) {
   return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
 }
@@ -40,6 +43,18 @@ void check_values(Findings& findings, const std::vector<double>& values, std::si
                   const std::string& where, Need need = Need::kOptional) {
   check_sized(findings, values, size, where, need);
   findings.require(all_finite(values), where, "holds a value that is not finite");
+  for (const double value : values)
+    findings.require(std::abs(value) < kBeyondSensors, where,
+                     fmt::format("is {:g}, which no sensor has", value));
+}
+
+// What is squared, drawn or plotted as a deviation; NaN where it was not told.
+void check_deviations(Findings& findings, const std::vector<double>& values, std::size_t size,
+                      const std::string& where) {
+  check_sized(findings, values, size, where);
+  for (const double value : values)
+    findings.require(!(value < 0 || value >= kBeyondSensors), where,
+                     fmt::format("is {:g}: no deviation of a sensor", value));
 }
 
 void check_matrix(Findings& findings, const SquareMatrix& m, int size, const std::string& where) {
@@ -57,13 +72,29 @@ void check_matrix(Findings& findings, const SquareMatrix& m, int size, const std
       findings.require(std::abs(m(r, c) - m(c, r)) <= 1e-9 * largest, where, "is not symmetric");
 }
 
+// Covariances, and correlations, whose variances are 1. A projection leaves rounding.
+void check_shared(Findings& findings, const SquareMatrix& m, int size, const std::string& where) {
+  constexpr double kRounding = 1e-6;
+  check_matrix(findings, m, size, where);
+  if (m.n == 0 || !findings.text().empty()) return;
+  double largest = 0;
+  for (int c = 0; c < m.n; ++c) {
+    findings.require(m(c, c) >= 0, where, fmt::format("has a variance of {:g}", m(c, c)));
+    largest = std::max(largest, m(c, c));
+  }
+  for (int r = 0; r < m.n; ++r)
+    for (int c = 0; c < r; ++c)
+      findings.require(!(std::abs(m(r, c)) > std::sqrt(m(r, r) * m(c, c)) + kRounding * largest),
+                       where, "lets two channels share more than they vary");
+}
+
 void check_statistics(Findings& findings, const ChannelStatistics& s, int channels,
                       const std::string& where, Need need) {
   const auto n = static_cast<std::size_t>(channels);
   check_values(findings, s.mean, n, where, need);
   check_sized(findings, s.standard_error, n, where + " standard error");
-  check_sized(findings, s.spread, n, where + " spread");
-  check_matrix(findings, s.covariance, channels, where + " covariance");
+  check_deviations(findings, s.spread, n, where + " spread");
+  check_shared(findings, s.covariance, channels, where + " covariance");
   for (const auto& frame : s.per_frame)
     check_sized(findings, frame, n, where + " per frame", Need::kRequired);
 }
@@ -115,21 +146,22 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
   for (double K : p.K.mean)
     findings.require(K > 0, at + "K", fmt::format("is {}, not positive", K));
   check_lambda(findings, p.lambda.mean, at + "lambda");
-  for (const double sigma : p.sigma_tl.mean)
-    findings.require(sigma >= 0, at + "sigma_tl", fmt::format("is {}: a negative scale", sigma));
-  for (const double sigma : p.sigma_row.mean)
-    findings.require(sigma >= 0, at + "sigma_row", fmt::format("is {}: a negative scale", sigma));
+  check_deviations(findings, p.sigma_tl.mean, n, at + "sigma_tl");
+  check_deviations(findings, p.sigma_row.mean, n, at + "sigma_row");
+  check_deviations(findings, p.sigma_column.mean, n, at + "sigma_column");
+  findings.require(p.bias_frames >= 0 && p.flat_levels >= 0, at + "number of frames or levels",
+                   "is below 0");
   check_sized(findings, p.K_intercept_dn2, n, at + "K_intercept");
   check_sized(findings, p.K_intercept_stderr_dn2, n, at + "K_intercept standard error");
   check_sized(findings, p.line_intercept_dn2, n, at + "line_intercept");
-  check_sized(findings, p.temporal_sd_dark_dn, n, at + "temporal_sd_dark");
+  check_deviations(findings, p.temporal_sd_dark_dn, n, at + "temporal_sd_dark");
   check_sized(findings, p.temporal_sd_dark_stderr_dn, n, at + "temporal_sd_dark standard error");
   check_sized(findings, p.dark_point_dn2, n, at + "dark_point_dn2");
   check_sized(findings, p.dark_point_stderr_dn2, n, at + "dark_point_stderr_dn2");
   check_sized(findings, p.dark_zero_share, n, at + "dark_zero_share");
-  check_sized(findings, p.dsnu_dn, n, at + "dsnu");
+  check_deviations(findings, p.dsnu_dn, n, at + "dsnu");
   check_sized(findings, p.dsnu_stderr_dn, n, at + "dsnu standard error");
-  check_sized(findings, p.prnu, n, at + "prnu");
+  check_deviations(findings, p.prnu, n, at + "prnu");
   check_sized(findings, p.prnu_stderr, n, at + "prnu standard error");
   check_values(findings, p.residual_cell_dn, n, at + "residual cells");
   for (const double cell : p.residual_cell_dn)
@@ -140,7 +172,7 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
     findings.require(std::all_of(counts.begin(), counts.end(),
                                  [](double count) { return count >= 0 && std::isfinite(count); }),
                      at + "residual counts", "hold a value that counts nothing");
-  check_matrix(findings, p.row_correlation, channels, at + "row_correlation");
+  check_shared(findings, p.row_correlation, channels, at + "row_correlation");
   check_drift(findings, p.row_drift, at);
   for (const auto& point : p.transfer)
     check_transfer(findings, point, channels, at + "photon transfer");
@@ -176,6 +208,9 @@ void check_segment(Findings& findings, const JointSegment& s, int channels) {
                                           std::greater_equal<>()) == s.knots_db.end(),
                    "joint model: gains", "are not rising");
   check_values(findings, s.knots_log_K, knots, "joint model: log K", Need::kRequired);
+  for (const double log_K : s.knots_log_K)
+    findings.require(std::abs(log_K) < std::log(kBeyondSensors), "joint model: log K",
+                     fmt::format("is {:g}, which no sensor has", log_K));
   check_values(findings, s.K_ratio, n, "joint model: K_ratio", Need::kRequired);
   for (const double ratio : s.K_ratio)
     findings.require(ratio > 0, "joint model: K_ratio", fmt::format("is {}, not positive", ratio));
@@ -188,8 +223,8 @@ void check_segment(Findings& findings, const JointSegment& s, int channels) {
   check_laws(findings, s.sigma_tl_spread, n, knots, "joint model: sigma_tl_spread");
   findings.require(s.mu_correlation.n == channels && s.sigma_row_correlation.n == channels,
                    "joint model: a correlation matrix", "is missing");
-  check_matrix(findings, s.mu_correlation, channels, "joint model: mu_correlation");
-  check_matrix(findings, s.sigma_row_correlation, channels, "joint model: sigma_row_correlation");
+  check_shared(findings, s.mu_correlation, channels, "joint model: mu_correlation");
+  check_shared(findings, s.sigma_row_correlation, channels, "joint model: sigma_row_correlation");
   findings.require(s.lambda.size() == knots, "joint model: lambda", "does not fit its gains");
   for (const auto& knot : s.lambda) {
     check_values(findings, knot, n, "joint model: lambda", Need::kRequired);
@@ -258,8 +293,7 @@ void check_nonparametric(Findings& findings, const NonparametricCalibration& n,
   findings.require(n.channels.size() == channels, at + "channels", "do not fit the layout");
   for (const auto& channel : n.channels) check_channel(findings, channel, at);
   check_values(findings, n.sigma_row_dn, channels, at + "sigma_row");
-  for (const double sigma : n.sigma_row_dn)
-    findings.require(sigma >= 0, at + "sigma_row", fmt::format("is {}: a negative scale", sigma));
+  check_deviations(findings, n.sigma_row_dn, channels, at + "sigma_row");
   check_sized(findings, n.sigma_row_stderr_dn, channels, at + "sigma_row standard error");
   check_drift(findings, n.row_drift, at);
   check_values(findings, n.K, channels, at + "K");
@@ -321,14 +355,16 @@ void check_gains(Findings& findings, const std::vector<Calibration>& calibration
 void check_sensor(Findings& findings, const NoiseModel& m) {
   const auto n = static_cast<std::size_t>(m.layout.channels());
   check_values(findings, m.black_dn, n, "black level", Need::kRequired);
-  findings.require(std::isfinite(m.white_dn), "white level", "is not finite");
+  check_values(findings, {m.white_dn}, 1, "white level", Need::kRequired);
   findings.require(m.saturation_limit >= 0 && m.saturation_limit <= 1, "saturation limit",
                    fmt::format("is {}, no share of the range", m.saturation_limit));
-  for (double black : m.black_dn)
+  for (double black : m.black_dn) {
     findings.require(black < m.white_dn, "black level",
                      fmt::format("{} is not below the white level {}", black, m.white_dn));
-  findings.require(m.quantization_dn >= 0 && std::isfinite(m.quantization_dn), "quantization",
-                   "is not a step");
+    findings.require(m.quantization_dn < m.white_dn - black, "quantization",
+                     fmt::format("of {:g} DN leaves no codes", m.quantization_dn));
+  }
+  findings.require(m.quantization_dn >= 0, "quantization", "is not a step");
   findings.require(m.row_group >= 1 && m.row_group <= 1024, "row group",
                    fmt::format("is {}", m.row_group));
   findings.require(!m.kinds().empty(), "the model", "holds no calibration at all");
