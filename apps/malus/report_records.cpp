@@ -109,14 +109,17 @@ constexpr Metric kMetrics[] = {{"image", "psnr", "image PSNR", "dB"},
                                {"aolp", "psnr", "AoLP PSNR", "dB"},
                                {"aolp", "circular_deg", "AoLP circular error", "deg"}};
 
+// What evaluate had no value for is null, what it did not know yet absent. Of other types nlohmann
+// throws: dashes in the table would say that the pictures could not be compared.
 double metric_of(const Json& result, const Metric& metric) {
-  if (!result.contains(metric.group) || !result.at(metric.group).is_object())
-    return Measured::kNone;
+  if (!result.contains(metric.group)) return Measured::kNone;
   const Json& group = result.at(metric.group);
   if (metric.key == std::string_view("psnr") && group.contains("equal") &&
       group.at("equal") == true)
     return std::numeric_limits<double>::infinity();
-  return number_of(group.value(metric.key, Json()));
+  if (group.is_object() && !group.contains(metric.key)) return Measured::kNone;
+  const Json& value = group.at(metric.key);
+  return value.is_null() ? Measured::kNone : value.get<double>();
 }
 
 bool has_metric(const std::vector<Json>& results, const Metric& metric) {

@@ -75,6 +75,8 @@ def test_bad_records_are_one_line_and_leave_nothing(refused, tmp_path, changes, 
     {"kind": "denoise"},
     {"image": {"psnr": 30}, "warnings": [3]},
     {"results": [{"image": {"psnr": 30}}], "warnings": {"a": 1}},
+    {"image": {"psnr": "30 dB"}},
+    {"image": {"psnr": 30}, "dolp": [20]},
     {"title": 5, "charts": []},
     {"charts": [{"x": {"log": 3}, "y": {}, "series": []}]},
 ])
