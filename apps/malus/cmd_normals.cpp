@@ -163,15 +163,28 @@ std::string normals_text(const Json& json) {
 }
 
 std::string conventions_text(const NormalSettings& settings) {
+  const bool specular = settings.reflection == "specular";
   return fmt::format(
-      "{} reflection, refractive index {:g}; of the two opposite azimuths {} is taken (--model, "
-      "--index, --azimuth)",
+      "{} reflection, refractive index {:g}; of the two opposite azimuths {} is taken{} (--model, "
+      "--index, --azimuth{})",
       settings.reflection, settings.index,
       settings.azimuth == "convex" ? "the one away from the object's centre"
-                                   : "the one pointing " + settings.azimuth);
+                                   : "the one pointing " + settings.azimuth,
+      !specular                 ? ""
+      : settings.above_brewster ? ", of the two zeniths the one above Brewster's angle"
+                                : ", of the two zeniths the one below Brewster's angle",
+      specular ? ", --above-brewster" : "");
+}
+
+void check_usage(const NormalSettings& settings) {
+  if (settings.above_brewster && settings.reflection != "specular")
+    throw CLI::ValidationError("--above-brewster", "a " + settings.reflection +
+                                                       " DoLP has one zenith: leave it out, or "
+                                                       "give --model specular");
 }
 
 void run_normals(NormalsArguments arguments, const Common& common) {
+  check_usage(arguments.settings);
   const FrameOptions options = arguments.raw.resolve();
   arguments.inputs = frames_of_inputs(arguments.inputs, options);
   require_headers(arguments.inputs, options);
@@ -220,6 +233,7 @@ void add_normals(CLI::App& app, Common& common) {
                     "one normal per pixel by demosaicking, instead of one per cell");
   arguments->raw.add_to(*command, {.dark = true, .polarized = true});
   add_flags(*command, arguments->settings);
+  command->get_option("--foreground")->excludes("--mask");  // which says the same
 }
 
 }  // namespace malus::app

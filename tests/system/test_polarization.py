@@ -75,6 +75,19 @@ def test_denoising_brings_normals_back(malus, tmp_path, name):
         assert denoised < 0.3 * noisy
 
 
+def test_normals_say_which_zenith_and_refuse_flags_that_change_nothing(malus, tmp_path):
+    """Reflected light has two zeniths for one DoLP, diffuse light has one; with a mask no light tells the object."""
+    np.save(tmp_path / "f.npy", np.random.default_rng(3).uniform(200, 4000, (32, 32)).astype(np.float32))
+    np.save(tmp_path / "mask.npy", np.ones((16, 16), np.float32))
+    command = ["normals", tmp_path / "f.npy", *LAYOUT, "-o", tmp_path / "out", "--force"]
+    for flags, words in ((["--model", "specular"], "the one below Brewster"),
+                         (["--model", "specular", "--above-brewster"], "the one above Brewster")):
+        assert words in malus(*command, *flags).err
+    assert "Brewster" not in malus(*command).err
+    assert "--above-brewster" in malus(*command, "--above-brewster", code=2).err
+    assert "--foreground" in malus(*command, "--mask", tmp_path / "mask.npy", "--foreground", "0.1", code=2).err
+
+
 def test_normals_are_judged_where_the_reference_has_one(malus, refused, tmp_path):
     """The usual background of a reference, (0, 0, 0), counts no more than NaN does."""
     truth = ellipsoids(64, [(32, 32, 27, 27)]).astype(np.float32)
