@@ -296,11 +296,15 @@ TEST(ModelFile, RefusesCovariancesThatNoChannelsHave) {
   EXPECT_EQ(covariance(0, 0, 1), "");
   EXPECT_NE(covariance(4, 2.1, 1), "");
   EXPECT_NE(covariance(-1, 0, 1), "");
-  for (const double shared : {1.5, -1.5})
-    EXPECT_NE(problem_after([&](NoiseModel& m) {
-                m.joint->segments[0].mu_correlation = testing::matrix2(1, shared, 1);
-              }),
-              "");
+  EXPECT_NE(covariance(1e30, 0, 1), "");
+  const auto correlation = [&](double own, double shared) {
+    return problem_after([&](NoiseModel& m) {
+      m.joint->segments[0].mu_correlation = testing::matrix2(own, shared, 1);
+    });
+  };
+  for (const double shared : {1.5, -1.5}) EXPECT_NE(correlation(1, shared), "");
+  EXPECT_NE(correlation(1e30, 0), "");
+  EXPECT_EQ(correlation(1, -1), "");
 }
 
 // Defects of a model with maps are written over in copies of these.

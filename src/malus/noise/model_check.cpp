@@ -72,14 +72,18 @@ void check_matrix(Findings& findings, const SquareMatrix& m, int size, const std
       findings.require(std::abs(m(r, c) - m(c, r)) <= 1e-9 * largest, where, "is not symmetric");
 }
 
-// Covariances, and correlations, whose variances are 1. A projection leaves rounding.
-void check_shared(Findings& findings, const SquareMatrix& m, int size, const std::string& where) {
-  constexpr double kRounding = 1e-6;
+constexpr double kRounding = 1e-6;  // that a projection leaves
+constexpr double kCorrelated = 1 + kRounding;
+
+// Covariances, and correlations, whose variances are 1.
+void check_shared(Findings& findings, const SquareMatrix& m, int size, const std::string& where,
+                  double most_variance = kBeyondSensors) {
   check_matrix(findings, m, size, where);
   if (m.n == 0 || !findings.text().empty()) return;
   double largest = 0;
   for (int c = 0; c < m.n; ++c) {
-    findings.require(m(c, c) >= 0, where, fmt::format("has a variance of {:g}", m(c, c)));
+    findings.require(m(c, c) >= 0 && m(c, c) <= most_variance, where,
+                     fmt::format("has a variance of {:g}", m(c, c)));
     largest = std::max(largest, m(c, c));
   }
   for (int r = 0; r < m.n; ++r)
@@ -172,7 +176,7 @@ void check_physics(Findings& findings, const PhysicsCalibration& p, const Sensor
     findings.require(std::all_of(counts.begin(), counts.end(),
                                  [](double count) { return count >= 0 && std::isfinite(count); }),
                      at + "residual counts", "hold a value that counts nothing");
-  check_shared(findings, p.row_correlation, channels, at + "row_correlation");
+  check_shared(findings, p.row_correlation, channels, at + "row_correlation", kCorrelated);
   check_drift(findings, p.row_drift, at);
   for (const auto& point : p.transfer)
     check_transfer(findings, point, channels, at + "photon transfer");
@@ -223,8 +227,9 @@ void check_segment(Findings& findings, const JointSegment& s, int channels) {
   check_laws(findings, s.sigma_tl_spread, n, knots, "joint model: sigma_tl_spread");
   findings.require(s.mu_correlation.n == channels && s.sigma_row_correlation.n == channels,
                    "joint model: a correlation matrix", "is missing");
-  check_shared(findings, s.mu_correlation, channels, "joint model: mu_correlation");
-  check_shared(findings, s.sigma_row_correlation, channels, "joint model: sigma_row_correlation");
+  check_shared(findings, s.mu_correlation, channels, "joint model: mu_correlation", kCorrelated);
+  check_shared(findings, s.sigma_row_correlation, channels, "joint model: sigma_row_correlation",
+               kCorrelated);
   findings.require(s.lambda.size() == knots, "joint model: lambda", "does not fit its gains");
   for (const auto& knot : s.lambda) {
     check_values(findings, knot, n, "joint model: lambda", Need::kRequired);
