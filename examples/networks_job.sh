@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The shipped networks beside the classical default, for the two kinds of sensor that have one: what ./quickstart runs last.
+# The shipped networks beside the classical default, for the two kinds of sensor that they were trained for: what ./quickstart runs last.
 #   examples/networks_job.sh PROGRAM FOLDER
 set -euo pipefail
 malus="$1"
