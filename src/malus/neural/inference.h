@@ -53,10 +53,10 @@ class NetworkInference {
 
   /// As denoise_frame: settings' memory_mib bounds frame and tiles together, row_noise can be
   /// switched off; its method is not looked at. Throws InputError as denoise_frame, on a layout
-  /// that is not the package's, but for the Bayer order, on a strength or profile of its own, and
-  /// on a network that gives pictures, or where want_variance is asked of one that corrects no
-  /// guide; Cancelled. Corrections of a guide are held to its stated error (correction_limit.h),
-  /// which is the variance too.
+  /// that the package does not serve (PackageSettings::phase_of), on a strength or profile of its
+  /// own, and on a network that gives pictures, or where want_variance is asked of one that
+  /// corrects no guide; Cancelled. Corrections of a guide are held to its stated error
+  /// (correction_limit.h), which is the variance too.
   Denoised denoise(RawFrame frame, const NoiseProfile& profile, const DenoiseSettings& settings,
                    Progress& progress, bool want_variance = false);
 
