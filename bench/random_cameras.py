@@ -4,7 +4,7 @@
     PYTHONPATH=build/release/python /usr/bin/python3 bench/random_cameras.py [--cases N] [--first N] [--layouts LAYOUT...] [--methods METHOD[/PROFILE]...] [--scenes SCENE...] [--pictures PICTURE...] [--each] [--errors [--without-model]]
 
 Every case draws a sensor layout, bits, gain, read and row noise of a NumPy camera (Poisson, rows, rounding, clipping), calibrates it from frames of its own, draws a light between a few electrons and full well, a
-lens, a scene of 256 pixels with its polarization (the scenes of like_pixels.py and, of --pictures, sRGB made linear) and denoises one frame. The table holds the mean of the default's lead, its least and
+lens, a scene of 256 pixels with its polarization (the scenes of like_pixels.py and, of --pictures, sRGB made linear) and denoises one frame. A method may be a network's weight file. The table holds the mean of the default's lead, its least and
 greatest, and in how many cases the default has the higher image PSNR; --each prints the cases, which their number draws again. With --errors, what the default states of its error instead: the squared error over it
 (geometric mean, least and greatest), how often two stated deviations hold the truth [%], the mean image PSNR [dB], and the cases in which they do in less than 85 %; --without-model: the noise is that of the
 picture itself.
@@ -124,9 +124,8 @@ class Case:
         truth, peak_dn = (camera.gain_dn_per_e * self.electrons).astype(np.float32), camera.gain_dn_per_e * self.light_e
 
         def score(method):
-            weights = method.endswith(".safetensors")
-            name, profile = (method, "normal") if weights else (method.partition("/")[0], method.partition("/")[2] or "normal")
-            result = malus.denoise(frame, model=model, gain=0, method=name, profile=profile)["dn"]
+            name, _, profile = (method, "", "") if method.endswith(".safetensors") else method.partition("/")
+            result = malus.denoise(frame, model=model, gain=0, method=name, profile=profile or "normal")["dn"]
             if not camera.layout.startswith("polar"):
                 return [10 * np.log10(peak_dn**2 / np.mean((result - truth)**2))]
             measured = malus.evaluate(truth, result, camera.layout, peak_dn)
