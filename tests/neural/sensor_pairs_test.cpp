@@ -120,8 +120,8 @@ double last_over_first(const Image& mosaic) {
 }
 
 // One network for two cameras: to the one without colours every scene is grey, and the sites of the
-// other's red (0.2 of white) see what those of its blue do (0.4). A camera whose cells begin
-// elsewhere would need other pieces, and is refused.
+// other's red (0.2 of white) see what those of its blue do (0.4). The first camera
+// is the one that the network is for, and one whose cells begin elsewhere would need other pieces.
 TEST(SyntheticPairs, OfASensorWithoutColoursAreOfGreyLight) {
   const TemporaryFolder folder;
   const AngleScene scene(folder);
@@ -143,10 +143,12 @@ TEST(SyntheticPairs, OfASensorWithoutColoursAreOfGreyLight) {
   EXPECT_GT(grey, 0);
   EXPECT_LT(grey, 12);
 
+  config.models = {"imx250mzr-simulated", "imx250myr-simulated"};
+  EXPECT_THROW(make_pair_source(config), InputError);
   NoiseModel turned = load_model("imx250mzr-simulated");
   turned.layout = SensorLayout::from_sites({{"135", "0"}, {"90", "45"}});
   save_model(turned, folder / "turned.h5");
-  config.models.back() = folder / "turned.h5";
+  config.models = {"imx250myr-simulated", folder / "turned.h5"};
   EXPECT_THROW(make_pair_source(config), InputError);
 }
 

@@ -30,13 +30,16 @@ void multiply(ChannelStatistics& statistics, double factor) {
 }
 
 // Pieces of light are whole cells of the package, so that a sensor's cells must begin with them.
-void require_layout(const fs::path& path, const SensorLayout& layout,
-                    const NetworkPackage& package) {
-  if (package.settings.phase_of(layout) != CellPhase{})
+void require_layout(const fs::path& path, const SensorLayout& layout, const NetworkPackage& package,
+                    bool or_grey = false) {
+  if (layout == package.layout()) return;
+  if (!or_grey || layout.colored() || package.settings.phase_of(layout) != CellPhase{})
     throw InputError(path.string(),
                      fmt::format("is of a sensor with the layout {}, the package of {}",
                                  layout.name(), package.settings.layout),
-                     "name a model of the package's layout, or of that without its colours");
+                     or_grey
+                         ? "name a model of the package's layout, or of that without its colours"
+                         : "name a model of the package's layout");
 }
 
 class CalibratedNoise final : public CameraNoise {
@@ -45,7 +48,7 @@ class CalibratedNoise final : public CameraNoise {
                   const CameraNoiseOptions& options)
       : path_(path), package_(package), settings_(options.settings), jitter_(options.jitter) {
     NoiseModel model = load_model(path);
-    require_layout(path, model.layout, package);
+    require_layout(path, model.layout, package, options.or_grey);
     drop_maps(model);  // large, and drawn noise has none of them
     model_ = std::make_shared<const NoiseModel>(std::move(model));
   }
@@ -162,7 +165,7 @@ class FlowNoise final : public CameraNoise {
         flow_(path),
         camera_(flow_camera(flow_)),
         gains_(flow_.sensor().trained_gains()) {
-    require_layout(path, camera_.layout, package);
+    require_layout(path, camera_.layout, package, options.or_grey);
   }
   void require_drawable() const override { refuse_settings_of_parts(path_, options_); }
 

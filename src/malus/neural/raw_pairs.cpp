@@ -33,14 +33,14 @@ class SyntheticPairs final : public PairSource {
         noise_(config.noise),
         exposure_low_(config.data.exposure_low),
         exposure_high_(config.data.exposure_high) {
-    const CameraNoiseOptions options{
-        .settings = config.synthesis,
-        .jitter = noise_.jitter,
-        .only_flows = std::ranges::all_of(config.models, names_noise_flow)};
+    CameraNoiseOptions options{.settings = config.synthesis,
+                               .jitter = noise_.jitter,
+                               .only_flows = std::ranges::all_of(config.models, names_noise_flow)};
     for (const auto& path : config.models) {
       cameras_.push_back(open_camera(path, config.package, options));
       naming_source(config.source.string(),
                     [&] { require_served(*cameras_.back(), config.models.size() > 1); });
+      options.or_grey = true;  // but the first, which validation is of
     }
   }
 

@@ -49,6 +49,7 @@ class CameraNoise {
 struct CameraNoiseOptions {
   SynthesisSettings settings;
   double jitter = 0;        ///< sensors like it, another for every draw: jittered_sensor
+  bool or_grey = false;     ///< its layout may be the package's without colours
   bool only_flows = false;  ///< no calibrated model is there whose kind the settings could mean
 };
 
@@ -58,7 +59,7 @@ void require_noise_level(const PhysicsParts& parts, double step_dn, const Networ
                          const std::string& source);
 
 /// Of a noise model's file or built-in name, or of a Noise Flow's file. Throws InputError as
-/// load_model, and where its layout is neither the package's nor that without colours.
+/// load_model, and where its layout is not the package's (options.or_grey).
 std::unique_ptr<const CameraNoise> open_camera(const std::filesystem::path& path,
                                                const NetworkPackage& package,
                                                const CameraNoiseOptions& options);
@@ -66,8 +67,8 @@ std::unique_ptr<const CameraNoise> open_camera(const std::filesystem::path& path
 /// A camera's layout and levels alone, of either kind of file. Throws InputError.
 NoiseModel camera_of(const std::filesystem::path& path);
 
-/// A noise model for a package's training. Throws InputError as open_camera, and where the file is
-/// a Noise Flow, naming `use`: what wants a calibrated model.
+/// A noise model for a package's training. Throws InputError as load_model, where it is of another
+/// layout, and where the file is a Noise Flow, naming `use`: what wants a calibrated model.
 NoiseModel load_camera(const std::filesystem::path& path, const NetworkPackage& package,
                        const std::string& use);
 
