@@ -191,14 +191,19 @@ TEST(FrameInDomain, AWindowIsAPartOfTheWholeAndTheGuideComesBack) {
             denoise_frame(camera.noisy(), camera.profile, classical).dn_above_black);
 }
 
+PackageSettings settings_without_rows(const std::string& domain) {
+  PackageSettings settings;
+  settings.domain = domain;
+  settings.row_noise = false;
+  settings.layout = "polar-bayer-rggb";
+  return settings;
+}
+
 // A frame of another order is the same sensor from another pixel on: the same planes but for the
 // first ones, which repeat their neighbours. Every channel has a bias and a noise of its own.
 TEST(FrameInDomain, AnotherOrderIsTheSameSensorFromAnotherPixel) {
   for (const char* domain : {"linear", "stabilised"}) {
-    PackageSettings settings;
-    settings.domain = domain;
-    settings.row_noise = false;
-    settings.layout = "polar-bayer-rggb";
+    const PackageSettings settings = settings_without_rows(domain);
     Camera camera(64, 96);
     for (std::size_t k = 0; k < 16; ++k) {
       camera.profile.channels[k].bias_dn = static_cast<double>(k);
@@ -241,10 +246,7 @@ TEST(FrameInDomain, AnotherOrderIsTheSameSensorFromAnotherPixel) {
 // channels' noise and bias: the same planes, and the same way back.
 TEST(FrameInDomain, ASensorWithoutColoursSeesGrey) {
   for (const char* domain : {"linear", "stabilised"}) {
-    PackageSettings settings;
-    settings.domain = domain;
-    settings.row_noise = false;
-    settings.layout = "polar-bayer-rggb";
+    const PackageSettings settings = settings_without_rows(domain);
     Camera camera(63, 94);
     const RawFrame colored = camera.noisy();
     RawFrame grey = colored;

@@ -120,8 +120,9 @@ double last_over_first(const Image& mosaic) {
 }
 
 // One network for two cameras: to the one without colours every scene is grey, and the sites of the
-// other's red (0.2 of white) see what those of its blue do (0.4). The first camera
-// is the one that the network is for, and one whose cells begin elsewhere would need other pieces.
+// other's red (0.2 of white) see what those of its blue do (0.4). The first
+// camera is the one that the network is for, and one whose cells begin elsewhere would need other
+// pieces.
 TEST(SyntheticPairs, OfASensorWithoutColoursAreOfGreyLight) {
   const TemporaryFolder folder;
   const AngleScene scene(folder);

@@ -33,7 +33,7 @@ void multiply(ChannelStatistics& statistics, double factor) {
 void require_layout(const fs::path& path, const SensorLayout& layout, const NetworkPackage& package,
                     bool or_grey = false) {
   if (layout == package.layout()) return;
-  if (!or_grey || layout.colored() || package.settings.phase_of(layout) != CellPhase{})
+  if (!or_grey || package.settings.phase_of(layout) != CellPhase{})
     throw InputError(path.string(),
                      fmt::format("is of a sensor with the layout {}, the package of {}",
                                  layout.name(), package.settings.layout),
